@@ -1,0 +1,64 @@
+// The flat skin block of the benchmark: layers and muscle of the seed's Table I on a plain grid.
+#pragma once
+#include <cmath>
+
+#include "precompute/voxel_model.hpp"
+
+namespace tledface::bench {
+
+struct Tissue {
+  double youngs_modulus, poissons_ratio;
+};
+
+// nx x ny x nz voxels of 0.5 mm. Top layer: corneum (4 % of 48 MPa) in dermis; 1.8 mm dermis; rest
+// hypodermis; a muscle sheet two voxels thick above the bottom one, over the middle 60 % in x.
+inline VoxelModel flat_block(int nx, int ny, int nz, bool with_muscle) {
+  VoxelModel model;
+  model.voxel = {0.5e-3, 0.5e-3, 0.5e-3};
+  const Tissue corneum{48e6, .49}, dermis{0.0814e6, .49}, hypodermis{0.034e6, .49}, muscle{0.5e6, .49};
+  VoxelMuscle frontalis;
+  frontalis.name = "frontalis";
+  frontalis.sigma_act = frontalis.sigma_pas = 5e6;
+  const auto add = [&](double share, const Tissue& t, double& mu, double& bulk) {
+    mu += share * t.youngs_modulus / (2 * (1 + t.poissons_ratio));
+    bulk += share * t.youngs_modulus / (3 * (1 - 2 * t.poissons_ratio));
+  };
+  for (int k = 0; k < nz; ++k)
+    for (int j = 0; j < ny; ++j)
+      for (int i = 0; i < nx; ++i) {
+        const double top = (nz - 1 - k) * 0.5e-3;  // depth of the voxel's upper face
+        const bool in_muscle = with_muscle && (k == 1 || k == 2) && i >= nx / 5 && i < nx - nx / 5;
+        double mu = 0, bulk = 0;
+        if (in_muscle) {
+          add(1, muscle, mu, bulk);
+          const auto e = static_cast<std::int64_t>(model.n_elements());
+          frontalis.elements.push_back(e);
+          frontalis.fibre.insert(frontalis.fibre.end(), {1, 0, 0});
+          frontalis.weight.push_back(1);
+        } else {
+          const double thin = k == nz - 1 ? 0.04 : 0;
+          const double in_dermis = std::fmin(1, std::fmax(0, (1.82e-3 - top) / 0.5e-3)) - thin;
+          add(thin, corneum, mu, bulk);
+          add(in_dermis, dermis, mu, bulk);
+          add(1 - thin - in_dermis, hypodermis, mu, bulk);
+        }
+        model.cells.insert(model.cells.end(), {i, j, k});
+        model.mu.push_back(mu);
+        model.bulk_log.push_back(bulk);
+        model.bulk_quadratic.push_back(0);
+        model.density.push_back(11000);
+        const double youngs = 9 * bulk * mu / (3 * bulk + mu);
+        for (int c = 0; c < 3; ++c) model.bending_modulus.push_back(youngs);
+      }
+  for (int k = 0; k <= nz; ++k)
+    for (int j = 0; j <= ny; ++j)
+      for (int i = 0; i <= nx; ++i) {
+        model.node_ijk.insert(model.node_ijk.end(), {i, j, k});
+        const bool end = i == 0 || i == nx;
+        for (const bool held : {end, end, end || k == 0}) model.fixed.push_back(held);
+      }
+  if (with_muscle) model.muscles.push_back(frontalis);
+  return model;
+}
+
+}  // namespace tledface::bench

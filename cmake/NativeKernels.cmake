@@ -1,0 +1,32 @@
+# The kernels of kernels_cl/ compiled ahead of time: one object per instruction set and precision.
+# -ffp-contract=fast and no trapping are the freedoms OpenCL's -cl-mad-enable gives; nothing that
+# reorders sums or forgets NaN.
+set(native_flags -O3 -ffp-contract=fast -fno-math-errno -fno-trapping-math -Wno-unknown-pragmas
+    -Wno-unused-function -Wno-psabi -Wno-ignored-attributes)
+
+function(add_native_kernels table instruction_set lanes is_double)
+  set(target native_${table})
+  add_library(${target} OBJECT csrc/backend/native/kernel_table.cpp)
+  target_include_directories(${target} PRIVATE csrc kernels_cl)
+  target_compile_definitions(${target} PRIVATE TLED_TABLE=${table} TLED_LANES=${lanes}
+    TLED_DOUBLE=${is_double} TLED_INSTRUCTION_SET="${instruction_set}")
+  target_compile_options(${target} PRIVATE ${native_flags} ${ARGN})
+  target_link_libraries(${target} PRIVATE tledface_options)
+  set_target_properties(${target} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+  target_sources(tledface_core PRIVATE $<TARGET_OBJECTS:${target}>)
+endfunction()
+
+if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
+  # -mtune is fixed: `native` mistakes some virtual machines for chips that split 512-bit vectors.
+  set(avx512 -march=x86-64-v4 -mtune=skylake-avx512 -mprefer-vector-width=512)
+  set(avx2 -march=x86-64-v3 -mtune=haswell)
+  add_native_kernels(avx512_float "AVX-512" 16 0 ${avx512})
+  add_native_kernels(avx512_double "AVX-512" 8 1 ${avx512})
+  add_native_kernels(avx2_float "AVX2" 8 0 ${avx2})
+  add_native_kernels(avx2_double "AVX2" 4 1 ${avx2})
+  target_compile_definitions(tledface_core PRIVATE TLEDFACE_X86=1)
+endif()
+add_native_kernels(portable_float "portable" 8 0)
+add_native_kernels(portable_double "portable" 4 1)
+target_compile_definitions(tledface_core PRIVATE
+  TLEDFACE_KERNEL_FOLDER="${CMAKE_CURRENT_SOURCE_DIR}/kernels_cl")

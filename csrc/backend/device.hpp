@@ -1,0 +1,103 @@
+// One interface over the executors: `native` (CPU kernels compiled ahead of time) and `opencl`
+// (any OpenCL device). The simulator knows only this header.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace tledface {
+
+enum class Precision { kSingle, kDouble };
+
+inline std::size_t real_size(Precision precision) {
+  return precision == Precision::kSingle ? sizeof(float) : sizeof(double);
+}
+
+struct DeviceInfo {
+  std::string id;        // what `device=` takes: "native", "opencl:0", …
+  std::string name;      // as the driver says it
+  std::string kind;      // "native", "cpu", "gpu" or "accelerator"
+  std::string platform;  // OpenCL platform name and version; the instruction set for native
+  std::string driver;    // driver version
+  bool works = false;    // a probe kernel ran and gave the right answer
+  std::string reason;    // why not, one line; empty where it works
+  bool has_double = false;
+  unsigned compute_units = 1;
+  std::size_t memory_bytes = 0;
+};
+
+// Device memory. Offsets and sizes in bytes; all calls are ordered with the launches of its device.
+class Buffer {
+ public:
+  virtual ~Buffer() = default;
+  virtual std::size_t bytes() const = 0;
+  virtual void write(const void* source, std::size_t bytes, std::size_t offset = 0) = 0;  // blocking
+  virtual void read(void* target, std::size_t bytes, std::size_t offset = 0) const = 0;   // blocking
+  // The memory itself where the host can use it as it is (native), else null.
+  virtual void* host_pointer() const { return nullptr; }
+  // cl_mem where the device is an OpenCL one, else null.
+  virtual void* opencl_handle() const { return nullptr; }
+};
+
+// A kernel with its arguments bound; bind again to change one. Arguments are buffers and 32-bit
+// integers only: real numbers travel in buffers, so that no argument changes size with precision.
+class Kernel {
+ public:
+  virtual ~Kernel() = default;
+  virtual void set_arg(unsigned index, const Buffer& buffer) = 0;
+  virtual void set_arg(unsigned index, std::int32_t value) = 0;
+  // Enqueues `n_items` work-items in order; returns at once where the device is asynchronous.
+  // local_size 0 leaves the work-group size to the device; else n_items is rounded up to a multiple
+  // of it (kernels check their range themselves).
+  virtual void enqueue(std::size_t n_items, std::size_t local_size = 0) = 0;
+};
+
+// What a program is compiled for. `lanes`: nodes of a block, the width of the vector rows.
+// `vector_rows`: kernels use vectors of `lanes` reals (CPUs) instead of one work-item an element.
+struct ProgramOptions {
+  Precision precision = Precision::kSingle;
+  int lanes = 16;
+  bool vector_rows = true;
+};
+
+class Program {
+ public:
+  virtual ~Program() = default;
+  virtual std::unique_ptr<Kernel> kernel(const std::string& name) = 0;
+};
+
+class Device {
+ public:
+  virtual ~Device() = default;
+  virtual const DeviceInfo& info() const = 0;
+  // True where the fused vector-row kernels are the right ones (CPUs).
+  virtual bool prefers_vector_rows() const = 0;
+  // Reals a vector row should have here (native: the instruction set's; OpenCL CPU: 8 or 16).
+  virtual int preferred_lanes(Precision precision) const = 0;
+  // Zero-filled memory; throws InputError when there is not enough, saying how much was asked for.
+  virtual std::unique_ptr<Buffer> allocate(std::size_t bytes) = 0;
+  virtual std::unique_ptr<Program> build(const ProgramOptions& options) = 0;
+  virtual void finish() = 0;
+};
+
+// Native executor; always there.
+std::shared_ptr<Device> make_native_device();
+DeviceInfo native_device_info();
+
+// OpenCL (csrc/backend/opencl). Every listed device, probed once a process with a real kernel; empty when no loader is found.
+std::vector<DeviceInfo> opencl_devices();
+// Where the OpenCL library came from, or why none was found; one line, for `tledface doctor`.
+std::string opencl_loader_report();
+// index into opencl_devices(); throws InputError for one that does not exist or does not work.
+std::shared_ptr<Device> make_opencl_device(std::size_t index);
+// From a cl_device_id (pyopencl.Device.int_ptr) of the loader in this process.
+std::shared_ptr<Device> make_opencl_device_from_handle(std::uintptr_t cl_device_id);
+
+// All devices: native first, then OpenCL.
+std::vector<DeviceInfo> all_devices();
+// "auto" (a working GPU, else native), "native", "opencl" (first that works, GPUs first), "opencl:N".
+std::shared_ptr<Device> open_device(const std::string& spec);
+
+}  // namespace tledface

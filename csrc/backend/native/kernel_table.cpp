@@ -1,0 +1,75 @@
+// Compiled once per instruction set and precision (cmake/NativeKernels.cmake) with
+// TLED_TABLE (the function's name), TLED_INSTRUCTION_SET, TLED_LANES and TLED_DOUBLE.
+#include "backend/native/kernel_table.hpp"
+
+#include "backend/native/shim.hpp"
+
+#if defined(__SSE__)
+#include <xmmintrin.h>
+#endif
+
+namespace {
+#include "program.cl"
+
+using tledface::native::KernelArg;
+using tledface::native::KernelEntry;
+
+template <class T>
+struct Argument {
+  static constexpr bool kIsPointer = false;
+  static T get(const KernelArg& arg) { return arg.integer; }
+};
+template <class T>
+struct Argument<T*> {
+  static constexpr bool kIsPointer = true;
+  static T* get(const KernelArg& arg) { return static_cast<T*>(arg.pointer); }
+};
+
+template <unsigned... I>
+struct Indices {};
+template <unsigned N, unsigned... I>
+struct MakeIndices : MakeIndices<N - 1, N - 1, I...> {};
+template <unsigned... I>
+struct MakeIndices<0, I...> {
+  using Type = Indices<I...>;
+};
+
+template <auto kFunction>
+struct Wrapper;
+template <class... Args, void (*kFunction)(Args...)>
+struct Wrapper<kFunction> {
+  static constexpr unsigned kCount = sizeof...(Args);
+  static constexpr bool kPointers[] = {Argument<Args>::kIsPointer...};
+
+  template <unsigned... I>
+  static void call(const KernelArg* args, Indices<I...>) {
+    kFunction(Argument<Args>::get(args[I])...);
+  }
+  static void run(const KernelArg* args, unsigned long begin, unsigned long end) {
+#if defined(__SSE__)
+    // Denormals cost a hundred cycles each and mean nothing at 1e-38 m: flush them meanwhile.
+    const unsigned before = _mm_getcsr();
+    _mm_setcsr(before | 0x8040);
+#endif
+    for (current_item = begin; current_item < end; ++current_item)
+      call(args, typename MakeIndices<kCount>::Type{});
+#if defined(__SSE__)
+    _mm_setcsr(before);
+#endif
+  }
+};
+
+#define TLED_ENTRY(name) {#name, Wrapper<&name>::kCount, Wrapper<&name>::kPointers, Wrapper<&name>::run}
+constexpr KernelEntry kEntries[] = {
+    TLED_ENTRY(step_rows_physical),  TLED_ENTRY(step_rows_kappa), TLED_ENTRY(force_rows_physical),
+    TLED_ENTRY(force_rows_kappa), TLED_ENTRY(element_state),
+};
+constexpr tledface::native::KernelTable kTable = {
+    TLED_INSTRUCTION_SET, TLED_LANES, kEntries, sizeof kEntries / sizeof kEntries[0]};
+
+}  // namespace
+
+namespace tledface::native {
+const KernelTable& TLED_TABLE();
+const KernelTable& TLED_TABLE() { return kTable; }
+}  // namespace tledface::native

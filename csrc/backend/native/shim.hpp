@@ -1,0 +1,81 @@
+// OpenCL C's words for C++ with vector extensions (GCC, Clang): the twin of kernels_cl/dialect.cl.
+// Included by kernel_table.cpp alone, once per instruction set and precision. Everything has
+// internal linkage: a function that the linker shared between instruction sets would crash the
+// processor that lacks one.
+#pragma once
+
+#ifndef TLED_LANES
+#error "TLED_LANES: reals a vector row"
+#endif
+#define TLED_OPENCL 0
+#define TLED_VECTOR_ROWS 1
+#define __kernel static
+#define __global
+#define restrict __restrict__
+
+namespace {
+
+#if TLED_DOUBLE
+typedef double real;
+#else
+typedef float real;
+#endif
+#define R(x) (static_cast<real>(x))
+
+typedef real realv __attribute__((vector_size(sizeof(real) * TLED_LANES)));
+// Loads and stores go through this type: rows of a block are aligned and alias plain reals.
+typedef real realv_in_memory __attribute__((vector_size(sizeof(real) * TLED_LANES), may_alias));
+
+thread_local unsigned long current_item = 0;
+inline unsigned long get_global_id(unsigned) { return current_item; }
+
+inline realv broadcast(real x) { return x - realv{}; }
+inline realv load_lanes(const real* p) { return *reinterpret_cast<const realv_in_memory*>(p); }
+inline void store_lanes(realv v, real* p) { *reinterpret_cast<realv_in_memory*>(p) = v; }
+
+#if TLED_LANES == 16
+inline realv next_lanes(realv own, realv next) {
+  return __builtin_shufflevector(own, next, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16);
+}
+inline realv previous_lanes(realv own, real first) {
+  realv v = __builtin_shufflevector(own, own, 15, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14);
+  v[0] = first;
+  return v;
+}
+#elif TLED_LANES == 8
+inline realv next_lanes(realv own, realv next) {
+  return __builtin_shufflevector(own, next, 1, 2, 3, 4, 5, 6, 7, 8);
+}
+inline realv previous_lanes(realv own, real first) {
+  realv v = __builtin_shufflevector(own, own, 7, 0, 1, 2, 3, 4, 5, 6);
+  v[0] = first;
+  return v;
+}
+#elif TLED_LANES == 4
+inline realv next_lanes(realv own, realv next) {
+  return __builtin_shufflevector(own, next, 1, 2, 3, 4);
+}
+inline realv previous_lanes(realv own, real first) {
+  realv v = __builtin_shufflevector(own, own, 3, 0, 1, 2);
+  v[0] = first;
+  return v;
+}
+#endif
+inline real last_lane(realv v) { return v[TLED_LANES - 1]; }
+
+// Loops over lanes: the compiler turns the first and last into one instruction a vector.
+inline realv square_root(realv x) {
+  realv y;
+  for (int lane = 0; lane < TLED_LANES; ++lane)
+    y[lane] = sizeof(real) == 4 ? __builtin_sqrtf(x[lane]) : __builtin_sqrt(x[lane]);
+  return y;
+}
+inline realv natural_log(realv x) {
+  realv y;
+  for (int lane = 0; lane < TLED_LANES; ++lane)
+    y[lane] = sizeof(real) == 4 ? __builtin_logf(x[lane]) : __builtin_log(x[lane]);
+  return y;
+}
+inline realv absolute(realv x) { return x < 0 ? -x : x; }
+
+}  // namespace

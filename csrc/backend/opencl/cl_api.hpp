@@ -1,0 +1,97 @@
+// The part of the OpenCL 1.2 interface that tledface calls: types, constants and entry points as
+// the Khronos specification defines them. OpenCL is found at run time, so nothing links to it.
+#pragma once
+#include <cstddef>
+#include <cstdint>
+
+namespace tledface::cl {
+
+using Int = std::int32_t;
+using UInt = std::uint32_t;
+using Bool = UInt;
+using Bitfield = std::uint64_t;
+using Enum = UInt;  // cl_platform_info, cl_device_info, …
+
+using Platform = struct PlatformObject*;
+using DeviceId = struct DeviceObject*;
+using Context = struct ContextObject*;
+using Queue = struct QueueObject*;
+using Memory = struct MemoryObject*;
+using ProgramId = struct ProgramObject*;
+using KernelId = struct KernelObject*;
+using Event = struct EventObject*;
+
+constexpr Int kSuccess = 0;
+constexpr Int kMemoryAllocationFailure = -4;
+constexpr Int kOutOfResources = -5;
+constexpr Int kOutOfHostMemory = -6;
+constexpr Int kInvalidBufferSize = -61;
+
+constexpr Bool kTrue = 1;
+
+constexpr Bitfield kDeviceTypeCpu = 1u << 1;
+constexpr Bitfield kDeviceTypeGpu = 1u << 2;
+constexpr Bitfield kDeviceTypeAll = 0xFFFFFFFFu;
+constexpr Bitfield kMemoryReadWrite = 1u << 0;
+
+constexpr Enum kPlatformVersion = 0x0901;
+constexpr Enum kPlatformName = 0x0902;
+constexpr Enum kPlatformVendor = 0x0903;
+
+constexpr Enum kDeviceType = 0x1000;
+constexpr Enum kDeviceMaxComputeUnits = 0x1002;
+constexpr Enum kDeviceMaxMemoryAllocation = 0x1010;
+constexpr Enum kDeviceGlobalMemorySize = 0x101F;
+constexpr Enum kDeviceAvailable = 0x1027;
+constexpr Enum kDeviceCompilerAvailable = 0x1028;
+constexpr Enum kDeviceName = 0x102B;
+constexpr Enum kDriverVersion = 0x102D;
+constexpr Enum kDeviceDoubleConfig = 0x1032;
+constexpr Enum kDeviceNativeVectorWidthFloat = 0x103A;
+
+constexpr Enum kProgramBuildLog = 0x1183;
+
+// X(name without "cl", return type, argument types)
+#define TLEDFACE_CL_ENTRY_POINTS(X)                                                               \
+  X(GetPlatformIDs, Int, (UInt, Platform*, UInt*))                                                \
+  X(GetPlatformInfo, Int, (Platform, Enum, std::size_t, void*, std::size_t*))                     \
+  X(GetDeviceIDs, Int, (Platform, Bitfield, UInt, DeviceId*, UInt*))                              \
+  X(GetDeviceInfo, Int, (DeviceId, Enum, std::size_t, void*, std::size_t*))                       \
+  X(CreateContext, Context,                                                                       \
+    (const std::intptr_t*, UInt, const DeviceId*,                                                 \
+     void (*)(const char*, const void*, std::size_t, void*), void*, Int*))                        \
+  X(ReleaseContext, Int, (Context))                                                               \
+  X(CreateCommandQueue, Queue, (Context, DeviceId, Bitfield, Int*))                               \
+  X(ReleaseCommandQueue, Int, (Queue))                                                            \
+  X(CreateBuffer, Memory, (Context, Bitfield, std::size_t, void*, Int*))                          \
+  X(ReleaseMemObject, Int, (Memory))                                                              \
+  X(EnqueueReadBuffer, Int,                                                                       \
+    (Queue, Memory, Bool, std::size_t, std::size_t, void*, UInt, const Event*, Event*))           \
+  X(EnqueueWriteBuffer, Int,                                                                      \
+    (Queue, Memory, Bool, std::size_t, std::size_t, const void*, UInt, const Event*, Event*))     \
+  X(EnqueueFillBuffer, Int,                                                                       \
+    (Queue, Memory, const void*, std::size_t, std::size_t, std::size_t, UInt, const Event*,       \
+     Event*))                                                                                     \
+  X(CreateProgramWithSource, ProgramId,                                                           \
+    (Context, UInt, const char**, const std::size_t*, Int*))                                      \
+  X(BuildProgram, Int,                                                                            \
+    (ProgramId, UInt, const DeviceId*, const char*, void (*)(ProgramId, void*), void*))           \
+  X(GetProgramBuildInfo, Int, (ProgramId, DeviceId, Enum, std::size_t, void*, std::size_t*))      \
+  X(ReleaseProgram, Int, (ProgramId))                                                             \
+  X(CreateKernel, KernelId, (ProgramId, const char*, Int*))                                       \
+  X(ReleaseKernel, Int, (KernelId))                                                               \
+  X(SetKernelArg, Int, (KernelId, UInt, std::size_t, const void*))                                \
+  X(EnqueueNDRangeKernel, Int,                                                                    \
+    (Queue, KernelId, UInt, const std::size_t*, const std::size_t*, const std::size_t*, UInt,     \
+     const Event*, Event*))                                                                       \
+  X(Finish, Int, (Queue))
+
+// Entry points of one loaded library; all are set. Driver objects carry their own dispatch table
+// (cl_khr_icd), so the entry points of one loader also serve objects that another one handed out.
+struct Api {
+#define TLEDFACE_CL_DECLARE(name, result, arguments) result(*name) arguments = nullptr;
+  TLEDFACE_CL_ENTRY_POINTS(TLEDFACE_CL_DECLARE)
+#undef TLEDFACE_CL_DECLARE
+};
+
+}  // namespace tledface::cl

@@ -1,0 +1,161 @@
+// Thread pool: see threads.hpp. Workers spin for a short while between regions (a solver step is
+// a few hundred microseconds, a futex wake-up tens) and sleep after that.
+#include "core/threads.hpp"
+
+#include <sched.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <cstdlib>
+#include <exception>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "core/error.hpp"
+
+namespace tledface {
+namespace {
+
+// Long enough to bridge the gap between two steps, short enough not to burn a core while idle.
+constexpr auto kSpinTime = std::chrono::microseconds(200);
+
+thread_local bool inside_region = false;
+
+void pause_cpu() {
+#if defined(__x86_64__)
+  __builtin_ia32_pause();
+#endif
+}
+
+class Pool {
+ public:
+  explicit Pool(std::size_t n_threads) {
+    for (std::size_t i = 1; i < n_threads; ++i) workers_.emplace_back([this] { work(); });
+  }
+  ~Pool() {
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      stop_ = true;
+      generation_.fetch_add(1, std::memory_order_release);
+    }
+    wake_.notify_all();
+    for (auto& worker : workers_) worker.join();
+  }
+
+  void run(std::size_t n_items, const std::function<void(std::size_t)>& body) {
+    std::lock_guard<std::mutex> one_region_at_a_time(region_);
+    body_ = &body;
+    n_items_ = n_items;
+    next_.store(0, std::memory_order_relaxed);
+    busy_.store(workers_.size(), std::memory_order_relaxed);
+    error_ = nullptr;
+    {
+      std::lock_guard<std::mutex> lock(mutex_);
+      generation_.fetch_add(1, std::memory_order_release);
+    }
+    if (sleepers_.load(std::memory_order_acquire) > 0) wake_.notify_all();
+    take_items();
+    for (int spins = 0; busy_.load(std::memory_order_acquire) > 0; ++spins) {
+      if (spins < 4096) pause_cpu();
+      else std::this_thread::yield();
+    }
+    if (error_) std::rethrow_exception(error_);
+  }
+
+ private:
+  void take_items() {
+    inside_region = true;
+    for (;;) {
+      const std::size_t item = next_.fetch_add(1, std::memory_order_relaxed);
+      if (item >= n_items_) break;
+      try {
+        (*body_)(item);
+      } catch (...) {
+        std::lock_guard<std::mutex> lock(mutex_);
+        if (!error_) error_ = std::current_exception();
+      }
+    }
+    inside_region = false;
+  }
+
+  void work() {
+    std::size_t seen = 0;
+    for (;;) {
+      const auto give_up = std::chrono::steady_clock::now() + kSpinTime;
+      for (int spins = 1; generation_.load(std::memory_order_acquire) == seen; ++spins) {
+        pause_cpu();
+        if (spins % 64 != 0 || std::chrono::steady_clock::now() < give_up) continue;
+        std::unique_lock<std::mutex> lock(mutex_);
+        sleepers_.fetch_add(1, std::memory_order_release);
+        wake_.wait(lock, [&] { return generation_.load(std::memory_order_acquire) != seen; });
+        sleepers_.fetch_sub(1, std::memory_order_release);
+        break;
+      }
+      seen = generation_.load(std::memory_order_acquire);
+      if (stop_) return;
+      take_items();
+      busy_.fetch_sub(1, std::memory_order_release);
+    }
+  }
+
+  std::vector<std::thread> workers_;
+  std::mutex region_, mutex_;
+  std::condition_variable wake_;
+  std::atomic<std::size_t> generation_{0}, next_{0}, busy_{0}, sleepers_{0};
+  const std::function<void(std::size_t)>* body_ = nullptr;
+  std::size_t n_items_ = 0;
+  std::exception_ptr error_;
+  bool stop_ = false;
+};
+
+Pool& pool() {
+  static Pool instance(thread_count());
+  return instance;
+}
+
+std::size_t count_threads() {
+  if (const char* text = std::getenv("TLEDFACE_NUM_THREADS"); text && *text) {
+    char* end = nullptr;
+    const long wanted = std::strtol(text, &end, 10);
+    if (*end != '\0' || wanted < 1 || wanted > 4096)
+      throw InputError("TLEDFACE_NUM_THREADS: got '" + std::string(text) +
+                       "', allowed is a whole number from 1 to 4096; unset it to use every core");
+    return static_cast<std::size_t>(wanted);
+  }
+  cpu_set_t allowed;
+  CPU_ZERO(&allowed);
+  if (sched_getaffinity(0, sizeof allowed, &allowed) == 0 && CPU_COUNT(&allowed) > 0)
+    return static_cast<std::size_t>(CPU_COUNT(&allowed));
+  const unsigned hardware = std::thread::hardware_concurrency();
+  return hardware ? hardware : 1;
+}
+
+}  // namespace
+
+std::size_t thread_count() {
+  static const std::size_t count = count_threads();
+  return count;
+}
+
+void parallel_for(std::size_t n_items, const std::function<void(std::size_t)>& body) {
+  if (n_items <= 1 || inside_region || thread_count() == 1) {
+    for (std::size_t item = 0; item < n_items; ++item) body(item);
+    return;
+  }
+  pool().run(n_items, body);
+}
+
+void parallel_for_chunks(std::size_t n_items, std::size_t grain,
+                         const std::function<void(std::size_t, std::size_t)>& body) {
+  if (grain == 0) grain = 1;
+  const std::size_t n_chunks = (n_items + grain - 1) / grain;
+  parallel_for(n_chunks, [&](std::size_t chunk) {
+    const std::size_t begin = chunk * grain;
+    body(begin, begin + grain < n_items ? begin + grain : n_items);
+  });
+}
+
+}  // namespace tledface

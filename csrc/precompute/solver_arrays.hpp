@@ -1,0 +1,58 @@
+// VoxelModel -> the arrays of kernels_cl/layout.cl, for one number of lanes. Built in float64;
+// the simulator narrows to the precision it runs in.
+#pragma once
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "precompute/voxel_model.hpp"
+
+namespace tledface {
+
+enum class HourglassForm { kPhysical, kKappa };
+
+struct PrecomputeOptions {
+  int lanes = 16;
+  HourglassForm hourglass = HourglassForm::kPhysical;
+  double kappa = 0.075;
+  double mass_scaling = 1;  // every density times this
+};
+
+// A band of node rows: what one work-item of the row kernels does.
+struct RowBands {
+  std::vector<std::int32_t> bands;  // 2 per band
+  std::vector<std::int32_t> rows;   // 4 per row
+  std::int32_t n_planes = 0;
+  std::size_t n_bands() const { return bands.size() / 2; }
+};
+
+struct SolverArrays {
+  int lanes = 0;
+  // Solver axis a is axis order[a] of the model: the solver may run along another axis than x.
+  std::array<int, 3> order{0, 1, 2};
+  std::int32_t n_blocks = 0;               // without the empty one behind the last
+  std::vector<std::int32_t> blocks;        // (n_blocks + 1) x TLED_BLOCK_INTS
+  std::vector<double> materials, node_sets, muscle_sets, muscle_constants, shape;
+  std::vector<std::int32_t> muscle_entries;
+  std::vector<std::int64_t> node_slot;     // block * lanes + lane of each node
+  std::vector<std::int64_t> element_slot;  // the same of each element
+  std::vector<double> node_mass;           // kg
+  std::size_t n_element_blocks = 0;
+
+  // (block, x-chunk, y, z) of every block, for dealing rows to bands.
+  std::vector<std::array<std::int32_t, 3>> block_at;
+
+  // Slot of a corner of an element; bits of `corner`: 1 x, 2 y, 4 z (solver axes).
+  std::int64_t corner_slot(std::size_t element, int corner) const;
+  double fill() const;  // active share of the lanes that are computed
+  RowBands make_bands(std::size_t n_bands) const;
+};
+
+SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions& options);
+
+// Nodal vectors between the model's order and frame (3 per node) and the kernels' slots
+// ((n_blocks + 1) x 3 x lanes; slots without node are 0).
+std::vector<double> slots_to_nodes(const SolverArrays& arrays, const std::vector<double>& slots);
+std::vector<double> nodes_to_slots(const SolverArrays& arrays, const std::vector<double>& nodes);
+
+}  // namespace tledface

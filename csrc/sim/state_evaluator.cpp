@@ -1,0 +1,95 @@
+#include "sim/state_evaluator.hpp"
+
+#include <algorithm>
+
+#include "core/threads.hpp"
+#include "precompute/layout.hpp"
+
+namespace tledface {
+namespace {
+
+// Rows of kernels_cl/state.cl.
+constexpr int kRows = 18, kF = 0, kSigma = 9, kEnergy = 15, kHourglass = 16, kGrowth = 17;
+
+template <class T>
+std::size_t bytes_of(const std::vector<T>& values) {
+  return values.size() * sizeof(T);
+}
+
+}  // namespace
+
+StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions options)
+    : host_(make_native_device()), physical_(options.hourglass == HourglassForm::kPhysical) {
+  ProgramOptions program;
+  program.precision = Precision::kDouble;
+  program.lanes = options.lanes = host_->preferred_lanes(Precision::kDouble);
+  program_ = host_->build(program);
+  arrays_ = make_solver_arrays(model, options);
+  const std::size_t slots = std::size_t(arrays_.n_blocks + 1) * arrays_.lanes * sizeof(double);
+  u_ = host_->allocate(slots * 3);
+  state_ = host_->allocate(slots * kRows);
+  step_ = host_->allocate((STEP_ACTIVATION + model.muscles.size()) * sizeof(double));
+  kernel_ = program_->kernel("element_state");
+  unsigned argument = 0;
+  kernel_->set_arg(argument++, *u_);
+  kernel_->set_arg(argument++, *state_);
+  const auto bind = [&](const void* data, std::size_t bytes) {
+    constants_.push_back(upload(data, bytes));
+    kernel_->set_arg(argument++, *constants_.back());
+  };
+  bind(arrays_.blocks.data(), bytes_of(arrays_.blocks));
+  bind(arrays_.materials.data(), bytes_of(arrays_.materials));
+  bind(arrays_.muscle_entries.data(), bytes_of(arrays_.muscle_entries));
+  bind(arrays_.muscle_sets.data(), bytes_of(arrays_.muscle_sets));
+  bind(arrays_.muscle_constants.data(), bytes_of(arrays_.muscle_constants));
+  bind(arrays_.shape.data(), bytes_of(arrays_.shape));
+  kernel_->set_arg(argument++, *step_);
+  kernel_->set_arg(argument++, arrays_.n_blocks);
+  kernel_->set_arg(argument++, std::int32_t(0));
+  kernel_->set_arg(argument++, std::int32_t(0));
+  kernel_->set_arg(argument++, std::int32_t(physical_));
+}
+
+std::unique_ptr<Buffer> StateEvaluator::upload(const void* data, std::size_t bytes) {
+  auto buffer = host_->allocate(std::max<std::size_t>(bytes, 8));
+  buffer->write(data, bytes);
+  return buffer;
+}
+
+ElementState StateEvaluator::evaluate(const std::vector<double>& u,
+                                      const std::vector<double>& activations) {
+  const auto slots = nodes_to_slots(arrays_, u);
+  u_->write(slots.data(), bytes_of(slots));
+  step_->write(activations.data(), bytes_of(activations), STEP_ACTIVATION * sizeof(double));
+  kernel_->enqueue(std::size_t(arrays_.n_blocks));
+
+  const auto* state = static_cast<const double*>(state_->host_pointer());
+  const std::size_t n = arrays_.element_slot.size(), lanes = arrays_.lanes;
+  ElementState result;
+  result.deformation_gradient.resize(9 * n);
+  result.stress.resize(6 * n);
+  result.energy_density.resize(n);
+  result.hourglass_density.resize(n);
+  result.growth.resize(n);
+  // Place of component (i, j) of a symmetric tensor: xx yy zz xy yz xz.
+  constexpr int place[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
+  const auto& order = arrays_.order;
+  parallel_for_chunks(n, 8192, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t e = begin; e < end; ++e) {
+      const std::size_t slot = arrays_.element_slot[e];
+      const double* rows = state + slot / lanes * kRows * lanes + slot % lanes;
+      for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+          result.deformation_gradient[9 * e + 3 * order[i] + order[j]] =
+              rows[(kF + 3 * i + j) * lanes];
+          result.stress[6 * e + place[order[i]][order[j]]] = rows[(kSigma + place[i][j]) * lanes];
+        }
+      result.energy_density[e] = rows[kEnergy * lanes];
+      result.hourglass_density[e] = rows[kHourglass * lanes];
+      result.growth[e] = rows[kGrowth * lanes];
+    }
+  });
+  return result;
+}
+
+}  // namespace tledface

@@ -1,0 +1,37 @@
+// Stress, deformation gradient and energies of every element, by the host's float64 kernel
+// whatever device runs the steps: the same digits everywhere, and no device code for rare output.
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "backend/device.hpp"
+#include "precompute/solver_arrays.hpp"
+
+namespace tledface {
+
+struct ElementState {
+  std::vector<double> deformation_gradient;  // 9 per element, row-major, model frame
+  std::vector<double> stress;                // 6 per element, Cauchy, Pa: xx yy zz xy yz xz
+  std::vector<double> energy_density;        // J/m3, without muscles
+  std::vector<double> hourglass_density;     // J/m3
+  std::vector<double> growth;                // of the stiffness that bounds the step; -1: inverted
+};
+
+class StateEvaluator {
+ public:
+  StateEvaluator(const VoxelModel& model, PrecomputeOptions options);
+  ElementState evaluate(const std::vector<double>& u, const std::vector<double>& activations);
+
+ private:
+  std::unique_ptr<Buffer> upload(const void* data, std::size_t bytes);
+
+  std::shared_ptr<Device> host_;
+  SolverArrays arrays_;
+  bool physical_;
+  std::unique_ptr<Program> program_;
+  std::unique_ptr<Kernel> kernel_;
+  std::unique_ptr<Buffer> u_, state_, step_;
+  std::vector<std::unique_ptr<Buffer>> constants_;
+};
+
+}  // namespace tledface

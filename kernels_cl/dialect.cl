@@ -1,0 +1,75 @@
+// The few words that differ between OpenCL C and C++ with vector extensions. Kernels use only
+// these, operators, and `condition ? a : b`, which selects lane by lane in both. The C++ twin is
+// csrc/backend/native/shim.hpp; it defines the same names.
+// Everything is inlined: flags such as `physical` are then constants, and vectors stay in registers.
+#define INLINE static inline __attribute__((always_inline))
+
+#if TLED_OPENCL
+
+#if TLED_DOUBLE
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+typedef double real;
+#else
+typedef float real;
+#endif
+#define R(x) ((real)(x))
+
+#if !TLED_VECTOR_ROWS
+
+typedef real realv;
+INLINE realv broadcast(real x) { return x; }
+INLINE realv load_lanes(__global const real* p) { return *p; }
+INLINE void store_lanes(realv v, __global real* p) { *p = v; }
+
+#else
+
+#define TLED_JOIN2(a, b) a##b
+#define TLED_JOIN(a, b) TLED_JOIN2(a, b)
+#if TLED_DOUBLE
+typedef TLED_JOIN(double, TLED_LANES) realv;
+#else
+typedef TLED_JOIN(float, TLED_LANES) realv;
+#endif
+INLINE realv broadcast(real x) { return (realv)(x); }
+INLINE realv load_lanes(__global const real* p) { return *(__global const realv*)p; }
+INLINE void store_lanes(realv v, __global real* p) { *(__global realv*)p = v; }
+
+// Lane l of the result is lane l + 1 of `own`; the last is lane 0 of `next`.
+// Lane l of the second is lane l - 1 of `own`; lane 0 is `first`.
+#if TLED_LANES == 16
+INLINE realv next_lanes(realv own, realv next) {
+  return (realv)(own.s1, own.s2, own.s3, own.s4, own.s5, own.s6, own.s7, own.s8, own.s9, own.sa,
+                 own.sb, own.sc, own.sd, own.se, own.sf, next.s0);
+}
+INLINE realv previous_lanes(realv own, real first) {
+  return (realv)(first, own.s0, own.s1, own.s2, own.s3, own.s4, own.s5, own.s6, own.s7, own.s8,
+                 own.s9, own.sa, own.sb, own.sc, own.sd, own.se);
+}
+INLINE real last_lane(realv v) { return v.sf; }
+#elif TLED_LANES == 8
+INLINE realv next_lanes(realv own, realv next) {
+  return (realv)(own.s1, own.s2, own.s3, own.s4, own.s5, own.s6, own.s7, next.s0);
+}
+INLINE realv previous_lanes(realv own, real first) {
+  return (realv)(first, own.s0, own.s1, own.s2, own.s3, own.s4, own.s5, own.s6);
+}
+INLINE real last_lane(realv v) { return v.s7; }
+#elif TLED_LANES == 4
+INLINE realv next_lanes(realv own, realv next) {
+  return (realv)(own.s1, own.s2, own.s3, next.s0);
+}
+INLINE realv previous_lanes(realv own, real first) {
+  return (realv)(first, own.s0, own.s1, own.s2);
+}
+INLINE real last_lane(realv v) { return v.s3; }
+#else
+#error "TLED_LANES must be 4, 8 or 16"
+#endif
+
+#endif  // TLED_VECTOR_ROWS
+
+INLINE realv square_root(realv x) { return sqrt(x); }
+INLINE realv natural_log(realv x) { return log(x); }
+INLINE realv absolute(realv x) { return fabs(x); }
+
+#endif  // TLED_OPENCL

@@ -1,0 +1,169 @@
+// Two kernels for GPUs: a work-item an element stores its 24 corner forces, a work-item a node
+// gathers those of its eight elements and integrates. Lanes of a block are neighbouring work-items,
+// so every access is coalesced; a node always adds in the same order, so results repeat bit for bit.
+
+// element_forces[((block * 8 + corner) * 3 + component) * TLED_LANES + lane], corner = x + 2 y + 4 z.
+#define CORNER_REALS (3 * TLED_LANES)
+
+// Work-item: an element (block * TLED_LANES + lane). Reads u of 8 nodes, writes 24 reals.
+INLINE void element_forces_item(__global const real* u, __global real* element_forces,
+                                       __global const int* blocks, __global const real* materials,
+                                       __global const int* muscle_entries,
+                                       __global const real* muscle_sets,
+                                       __global const real* muscle_constants,
+                                       __global const real* shape, __global const real* step,
+                                       int n_blocks, const int physical) {
+  const int block = (int)(get_global_id(0) / TLED_LANES), lane = (int)(get_global_id(0) % TLED_LANES);
+  if (block >= n_blocks) return;
+  __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
+  if (links[BLOCK_MATERIAL] < 0) return;
+  __global const real* parameters =
+      materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES) + lane;
+  __global real* out = element_forces + (long)block * (8 * CORNER_REALS) + lane;
+  // Slots of the lower corner in x of the four x edges, and of their far ends.
+  const int next_z = links[BLOCK_NEXT_Z];
+  const int corner_block[4] = {block, links[BLOCK_NEXT_Y], next_z,
+                               blocks[(long)next_z * TLED_BLOCK_INTS + BLOCK_NEXT_Y]};
+  real modes[3][8];
+  for (int c = 0; c < 3; ++c) {
+    real v[8];
+    for (int e = 0; e < 4; ++e) {
+      const int b = corner_block[e];
+      const int far = lane + 1 < TLED_LANES ? b : blocks[(long)b * TLED_BLOCK_INTS + BLOCK_NEXT_X];
+      v[2 * e] = u[((long)b * 3 + c) * TLED_LANES + lane];
+      v[2 * e + 1] = u[((long)far * 3 + c) * TLED_LANES + (lane + 1) % TLED_LANES];
+    }
+    for (int bit = 1; bit < 8; bit *= 2)  // Walsh-Hadamard: sums where the bit is 0, differences where 1
+      for (int i = 0; i < 8; ++i)
+        if (!(i & bit)) {
+          const real a = v[i], b = v[i + bit];
+          v[i] = a + b;
+          v[i + bit] = b - a;
+        }
+    for (int i = 0; i < 8; ++i) modes[c][i] = v[i];
+  }
+  ElementModes m;
+  m.linear.xx = modes[0][1];
+  m.linear.xy = modes[0][2];
+  m.linear.xz = modes[0][4];
+  m.linear.yx = modes[1][1];
+  m.linear.yy = modes[1][2];
+  m.linear.yz = modes[1][4];
+  m.linear.zx = modes[2][1];
+  m.linear.zy = modes[2][2];
+  m.linear.zz = modes[2][4];
+  m.hourglass.xy.x = modes[0][3];
+  m.hourglass.xy.y = modes[1][3];
+  m.hourglass.xy.z = modes[2][3];
+  m.hourglass.zx.x = modes[0][5];
+  m.hourglass.zx.y = modes[1][5];
+  m.hourglass.zx.z = modes[2][5];
+  m.hourglass.yz.x = modes[0][6];
+  m.hourglass.yz.y = modes[1][6];
+  m.hourglass.yz.z = modes[2][6];
+  m.hourglass.xyz.x = modes[0][7];
+  m.hourglass.xyz.y = modes[1][7];
+  m.hourglass.xyz.z = modes[2][7];
+  // The lane's own muscle rows: the shared code steps by rows from a pointer to this lane.
+  const ElementModes f = compute_element_modes(
+      m, parameters, muscle_entries, links[BLOCK_MUSCLE_BEGIN], links[BLOCK_MUSCLE_END],
+      muscle_sets + lane, muscle_constants, step + STEP_ACTIVATION, shape, physical);
+  const real forces[3][8] = {{R(0.0), f.linear.xx, f.linear.xy, f.hourglass.xy.x, f.linear.xz,
+                              f.hourglass.zx.x, f.hourglass.yz.x, f.hourglass.xyz.x},
+                             {R(0.0), f.linear.yx, f.linear.yy, f.hourglass.xy.y, f.linear.yz,
+                              f.hourglass.zx.y, f.hourglass.yz.y, f.hourglass.xyz.y},
+                             {R(0.0), f.linear.zx, f.linear.zy, f.hourglass.xy.z, f.linear.zz,
+                              f.hourglass.zx.z, f.hourglass.yz.z, f.hourglass.xyz.z}};
+  for (int c = 0; c < 3; ++c) {
+    real v[8];
+    for (int i = 0; i < 8; ++i) v[i] = forces[c][i];
+    for (int bit = 1; bit < 8; bit *= 2)  // transposed: the low corner takes the difference
+      for (int i = 0; i < 8; ++i)
+        if (!(i & bit)) {
+          const real a = v[i], b = v[i + bit];
+          v[i] = a - b;
+          v[i + bit] = a + b;
+        }
+    for (int i = 0; i < 8; ++i) out[(i * 3 + c) * TLED_LANES] = v[i];
+  }
+}
+
+#define TLED_ELEMENT_KERNEL(name, physical)                                                        \
+  __kernel void name(__global const real* restrict u, __global real* restrict element_forces,      \
+                     __global const int* restrict blocks, __global const real* restrict materials, \
+                     __global const int* restrict muscle_entries,                                  \
+                     __global const real* restrict muscle_sets,                                    \
+                     __global const real* restrict muscle_constants,                               \
+                     __global const real* restrict shape, __global const real* restrict step_table,\
+                     int n_blocks, int step_index, int step_reals) {                               \
+    element_forces_item(u, element_forces, blocks, materials, muscle_entries, muscle_sets,         \
+                        muscle_constants, shape, step_table + step_index * step_reals, n_blocks,   \
+                        physical);                                                                 \
+  }
+
+TLED_ELEMENT_KERNEL(element_forces_physical, 1)
+TLED_ELEMENT_KERNEL(element_forces_kappa, 0)
+
+// Sum over the eight elements around a node of the force on it; Vec of one real a component.
+INLINE Vec gather_force(__global const real* element_forces, __global const int* blocks,
+                               int block, int lane) {
+  Vec f;
+  f.x = R(0.0);
+  f.y = R(0.0);
+  f.z = R(0.0);
+  for (int corner = 0; corner < 8; ++corner) {
+    int b = block, l = lane;
+    if (corner & 1) {
+      if (l == 0) b = blocks[(long)b * TLED_BLOCK_INTS + BLOCK_PREV_X];
+      l = (l + TLED_LANES - 1) % TLED_LANES;
+    }
+    if (corner & 2) b = blocks[(long)b * TLED_BLOCK_INTS + BLOCK_PREV_Y];
+    if (corner & 4) b = blocks[(long)b * TLED_BLOCK_INTS + BLOCK_PREV_Z];
+    __global const real* p = element_forces + ((long)b * 8 + corner) * CORNER_REALS + l;
+    f.x += p[0];
+    f.y += p[TLED_LANES];
+    f.z += p[2 * TLED_LANES];
+  }
+  return f;
+}
+
+INLINE real next_displacement(real now, real before, real inverse_mass,
+                                     __global const real* step, real f, int component) {
+  const real next =
+      now + step[STEP_VELOCITY] * (now - before) - (step[STEP_FORCE] * inverse_mass) * f;
+  return inverse_mass > R(0.0) ? next + step[STEP_GRAVITY + component] : next;
+}
+
+// Work-item: a node. u_prev is replaced by the displacement after the step.
+__kernel void integrate_nodes(__global const real* restrict u, __global real* restrict u_prev,
+                              __global const real* restrict element_forces,
+                              __global const int* restrict blocks,
+                              __global const real* restrict node_sets,
+                              __global const real* restrict step_table, int n_blocks,
+                              int step_index, int step_reals) {
+  const int block = (int)(get_global_id(0) / TLED_LANES), lane = (int)(get_global_id(0) % TLED_LANES);
+  if (block >= n_blocks) return;
+  __global const real* step = step_table + step_index * step_reals;
+  __global const real* w =
+      node_sets + (long)blocks[(long)block * TLED_BLOCK_INTS + BLOCK_NODE] *
+                      (TLED_NODE_ROWS * TLED_LANES) + lane;
+  const Vec f = gather_force(element_forces, blocks, block, lane);
+  const long at = (long)block * (3 * TLED_LANES) + lane;
+  u_prev[at] = next_displacement(u[at], u_prev[at], w[0], step, f.x, 0);
+  u_prev[at + TLED_LANES] = next_displacement(u[at + TLED_LANES], u_prev[at + TLED_LANES],
+                                              w[TLED_LANES], step, f.y, 1);
+  u_prev[at + 2 * TLED_LANES] = next_displacement(
+      u[at + 2 * TLED_LANES], u_prev[at + 2 * TLED_LANES], w[2 * TLED_LANES], step, f.z, 2);
+}
+
+// Work-item: a node. f: internal force, N.
+__kernel void gather_forces(__global real* restrict f, __global const real* restrict element_forces,
+                            __global const int* restrict blocks, int n_blocks) {
+  const int block = (int)(get_global_id(0) / TLED_LANES), lane = (int)(get_global_id(0) % TLED_LANES);
+  if (block >= n_blocks) return;
+  const Vec g = gather_force(element_forces, blocks, block, lane);
+  const long at = (long)block * (3 * TLED_LANES) + lane;
+  f[at] = g.x;
+  f[at + TLED_LANES] = g.y;
+  f[at + 2 * TLED_LANES] = g.z;
+}

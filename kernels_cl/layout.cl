@@ -1,0 +1,58 @@
+// How the arrays that the kernels share are laid out (built by csrc/precompute).
+//
+// Nodes stand in blocks: TLED_LANES neighbours along x, at one (y, z). The element whose low
+// corner is lane l of a block is lane l of that block. Reals of a block are stored together, one
+// row of lanes a quantity, so the row r of block b of an array with n rows begins at
+// (b n + r) TLED_LANES. One empty block stands behind the last; links that lead nowhere lead there.
+
+// blocks[TLED_BLOCK_INTS * block + ...]: links of one block.
+#define TLED_BLOCK_INTS 12
+#define BLOCK_NEXT_X 0        // the block behind in x
+#define BLOCK_NEXT_Y 1        // the block behind in y; the one behind in z is always block + 1
+#define BLOCK_MATERIAL 2      // its row set in `materials`, -1: no element here
+#define BLOCK_NODE 3          // its row set in `node_sets`
+#define BLOCK_MUSCLE_BEGIN 4  // its entries of `muscle_entries`
+#define BLOCK_MUSCLE_END 5
+#define BLOCK_PLANE 6         // z of the block, counted from the lowest
+#define BLOCK_PREV_X 7
+#define BLOCK_PREV_Y 8
+#define BLOCK_PREV_Z 9
+#define BLOCK_NEXT_Z 10
+#define BLOCK_HAS_NEXT_X 11  // 0: BLOCK_NEXT_X is the empty block
+
+// materials: row sets of element parameters; blocks alike share one.
+#define TLED_MATERIAL_ROWS 9
+#define MATERIAL_MU 0              // Pa; 0: no element in this lane
+#define MATERIAL_BULK_LOG_HALF 1   // K/2 of U = K/4 (J^2 - 1 - 2 ln J)
+#define MATERIAL_BULK_QUADRATIC 2  // K of U = K/2 (J - 1)^2
+#define MATERIAL_NU 3
+#define MATERIAL_BEND_X 4  // 16 V E'_b / 48, section normal to x; the kappa form's k is here too
+#define MATERIAL_BEND_Y 5
+#define MATERIAL_BEND_Z 6
+#define MATERIAL_TWIST 7  // 16 V mu / 48
+#define MATERIAL_XYZ 8    // 16 V E / 144
+#define MATERIAL_KAPPA 4
+
+// node_sets: row sets of nodal constants; blocks alike share one.
+#define TLED_NODE_ROWS 3  // 1/m per component, 1/kg; 0 where the component is fixed
+
+// muscle_entries[2 i]: muscle, [2 i + 1]: its row set in `muscle_sets` for this block.
+#define TLED_MUSCLE_ROWS 4     // fibre direction x, y, z; weight (0: no fibre in this lane)
+#define TLED_MUSCLE_CONSTANTS 8  // reals a muscle, see muscle/tension_length.cl
+
+// step_table[step * TLED_STEP_REALS(n) + ...]: what changes from step to step.
+#define STEP_VELOCITY 0  // (1 - a dt/2) / (1 + a dt/2), a the damping
+#define STEP_FORCE 1     // dt^2 / (1 + a dt/2); half of it in the step that starts from rest
+#define STEP_GRAVITY 2   // three: gravity times the above
+#define STEP_ACTIVATION 8  // and on: activation of each muscle
+
+// shape: constants of the voxel.
+#define SHAPE_GRADIENT 0  // three: 1/(4 h_d)
+#define SHAPE_FORCE 3     // three: V/(4 h_d)
+#define SHAPE_RATIO_XY 6  // h_x/h_y, and so on
+#define SHAPE_RATIO_YX 7
+#define SHAPE_RATIO_YZ 8
+#define SHAPE_RATIO_ZY 9
+#define SHAPE_RATIO_ZX 10
+#define SHAPE_RATIO_XZ 11
+#define TLED_SHAPE_REALS 16

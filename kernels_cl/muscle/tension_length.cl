@@ -1,0 +1,24 @@
+// Tension-length law of Warburton & Maddock 2014, eq. 8-12:
+// S_M = J (alpha sigma_act f_act + sigma_pas f_pas) d (x) d, stretch = |F d|,
+// f_act = -25/(4 lo^2) stretch^2 + 25/(2 lo) stretch - 5.25 where positive (0.6 lo to 1.4 lo),
+// f_pas = 0 up to 1, 0.05 (e^(6.6 (stretch - 1)) - 1) up to lambda_pas, then a line of slope 2.18.
+#define MUSCLE_SIGMA_ACT 0      // Pa
+#define MUSCLE_SQUARE 1         // -25/(4 lo^2)
+#define MUSCLE_LINEAR 2         // 25/(2 lo)
+#define MUSCLE_SIGMA_PAS 3      // Pa
+#define MUSCLE_LAMBDA_PAS 4
+#define MUSCLE_LINE_OFFSET 5    // f_pas of the line at lambda_pas
+
+// Fibre stress over J, Pa.
+INLINE realv muscle_tension(__global const real* constants, real activation, realv stretch) {
+  const realv zero = broadcast(R(0.0));
+  realv active = stretch * (constants[MUSCLE_LINEAR] + stretch * constants[MUSCLE_SQUARE]) - R(5.25);
+  active = active > zero ? active : zero;
+  const real lambda_pas = constants[MUSCLE_LAMBDA_PAS];
+  realv within = stretch < lambda_pas ? stretch : broadcast(lambda_pas);
+  within = within > R(1.0) ? within - R(1.0) : zero;
+  realv passive = R(0.05) * (exponential(R(6.6) * within) - R(1.0));
+  realv line = constants[MUSCLE_LINE_OFFSET] + R(2.18) * (stretch - lambda_pas);
+  passive = stretch < lambda_pas ? passive : line;
+  return (activation * constants[MUSCLE_SIGMA_ACT]) * active + constants[MUSCLE_SIGMA_PAS] * passive;
+}

@@ -1,0 +1,20 @@
+// Everything that is compiled for a device, in the order of use. The OpenCL backend joins these
+// files as text; the native backend compiles the same text as C++ behind its shim.
+//
+// Defined by whoever compiles: TLED_OPENCL (0: C++ through the shim), TLED_LANES (nodes a block),
+// TLED_VECTOR_ROWS (1: realv is a vector of a block's lanes, 0: one real, a work-item a lane),
+// TLED_DOUBLE.
+#include "dialect.cl"
+#include "elementary.cl"
+#include "tensor.cl"
+#include "layout.cl"
+#include "material/neo_hookean.cl"
+#include "muscle/tension_length.cl"
+#include "hourglass.cl"
+#include "element.cl"
+#if TLED_VECTOR_ROWS
+#include "rows.cl"
+#include "state.cl"
+#else
+#include "gather.cl"
+#endif

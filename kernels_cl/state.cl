@@ -1,0 +1,122 @@
+// What an element holds, for output and checks: F, Cauchy stress, energies, and the growth of its
+// stiffness. Runs rarely (in float64 on the host), so it is plain.
+#define TLED_STATE_ROWS 18
+#define STATE_F 0        // nine: xx xy xz yx yy yz zx zy zz
+#define STATE_SIGMA 9    // six: xx yy zz xy yz xz, Pa, muscles included
+#define STATE_ENERGY 15  // W, J/m3
+#define STATE_HOURGLASS 16  // J/m3
+// Growth of the bulk stiffness that bounds the step: sum_d |cof F e_d|^2 / h_d^2 over its value at
+// rest (the tangent of U is U'' cof F (x) cof F), times U''(J)/U''(1) of the log form; -1 where J <= 0.
+#define STATE_GROWTH 17
+
+__kernel void element_state(__global const real* restrict u, __global real* restrict state,
+                            __global const int* restrict blocks,
+                            __global const real* restrict materials,
+                            __global const int* restrict muscle_entries,
+                            __global const real* restrict muscle_sets,
+                            __global const real* restrict muscle_constants,
+                            __global const real* restrict shape,
+                            __global const real* restrict step_table, int n_blocks, int step_index,
+                            int step_reals, int physical) {
+  const int block = (int)get_global_id(0);
+  if (block >= n_blocks) return;
+  __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
+  if (links[BLOCK_MATERIAL] < 0) return;
+  __global const real* parameters =
+      materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES);
+  const Face low = load_face(u, blocks, block), high = load_face(u, blocks, block + 1);
+  ElementModes m;
+  const Vec lx = sum(low.x, high.x), ly = sum(low.y, high.y), lz = difference(high.s, low.s);
+  m.linear.xx = lx.x;
+  m.linear.yx = lx.y;
+  m.linear.zx = lx.z;
+  m.linear.xy = ly.x;
+  m.linear.yy = ly.y;
+  m.linear.zy = ly.z;
+  m.linear.xz = lz.x;
+  m.linear.yz = lz.y;
+  m.linear.zz = lz.z;
+  m.hourglass.xy = sum(low.xy, high.xy);
+  m.hourglass.yz = difference(high.y, low.y);
+  m.hourglass.zx = difference(high.x, low.x);
+  m.hourglass.xyz = difference(high.xy, low.xy);
+
+  const Tensor F = deformation_gradient(m.linear, shape);
+  const Tensor cof = cofactors(F);
+  const realv J = volume_ratio(F, cof, parameters);
+  const realv inverse_J = R(1.0) / J;
+  const realv cube_root = inverse_cube_root(absolute(J));
+
+  // Stress without the hourglass centre term: the element's mean, scaled by V/(4 h_d).
+  const IsotropicStress s =
+      neo_hookean_stress(parameters, J, inverse_J, cube_root, squared_norm(F));
+  const real wx = shape[SHAPE_FORCE], wy = shape[SHAPE_FORCE + 1], wz = shape[SHAPE_FORCE + 2];
+  Tensor P;
+  P.xx = wx * (s.along_F * F.xx + s.along_cof * cof.xx);
+  P.xy = wy * (s.along_F * F.xy + s.along_cof * cof.xy);
+  P.xz = wz * (s.along_F * F.xz + s.along_cof * cof.xz);
+  P.yx = wx * (s.along_F * F.yx + s.along_cof * cof.yx);
+  P.yy = wy * (s.along_F * F.yy + s.along_cof * cof.yy);
+  P.yz = wz * (s.along_F * F.yz + s.along_cof * cof.yz);
+  P.zx = wx * (s.along_F * F.zx + s.along_cof * cof.zx);
+  P.zy = wy * (s.along_F * F.zy + s.along_cof * cof.zy);
+  P.zz = wz * (s.along_F * F.zz + s.along_cof * cof.zz);
+  for (int entry = links[BLOCK_MUSCLE_BEGIN]; entry < links[BLOCK_MUSCLE_END]; ++entry) {
+    const int muscle = muscle_entries[2 * entry], set = muscle_entries[2 * entry + 1];
+    add_muscle_stress(muscle_constants + muscle * TLED_MUSCLE_CONSTANTS,
+                      muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES), shape,
+                      step_table[step_index * step_reals + STEP_ACTIVATION + muscle], F, J, &P);
+  }
+  Tensor unused = P;
+  Hourglass f;
+  if (physical)
+    f = physical_hourglass(parameters, shape, m.hourglass, cof, inverse_J, &unused);
+  else
+    f = kappa_hourglass(parameters, m.hourglass);
+  // Both forms are quadratic in s at fixed F: the energy is half of s . f.
+  const realv hourglass = R(0.5) * (dot_product(m.hourglass.xy, f.xy) +
+                                    dot_product(m.hourglass.yz, f.yz) +
+                                    dot_product(m.hourglass.zx, f.zx) +
+                                    dot_product(m.hourglass.xyz, f.xyz));
+
+  const real volume = wx / shape[SHAPE_GRADIENT];  // (V/4h)/(1/4h)
+  P.xx *= R(1.0) / wx;
+  P.yx *= R(1.0) / wx;
+  P.zx *= R(1.0) / wx;
+  P.xy *= R(1.0) / wy;
+  P.yy *= R(1.0) / wy;
+  P.zy *= R(1.0) / wy;
+  P.xz *= R(1.0) / wz;
+  P.yz *= R(1.0) / wz;
+  P.zz *= R(1.0) / wz;
+
+  __global real* out = state + (long)block * (TLED_STATE_ROWS * TLED_LANES);
+  store_lanes(F.xx, out);
+  store_lanes(F.xy, out + TLED_LANES);
+  store_lanes(F.xz, out + 2 * TLED_LANES);
+  store_lanes(F.yx, out + 3 * TLED_LANES);
+  store_lanes(F.yy, out + 4 * TLED_LANES);
+  store_lanes(F.yz, out + 5 * TLED_LANES);
+  store_lanes(F.zx, out + 6 * TLED_LANES);
+  store_lanes(F.zy, out + 7 * TLED_LANES);
+  store_lanes(F.zz, out + 8 * TLED_LANES);
+  out += STATE_SIGMA * TLED_LANES;  // sigma = P F^T / J
+  store_lanes((P.xx * F.xx + P.xy * F.xy + P.xz * F.xz) * inverse_J, out);
+  store_lanes((P.yx * F.yx + P.yy * F.yy + P.yz * F.yz) * inverse_J, out + TLED_LANES);
+  store_lanes((P.zx * F.zx + P.zy * F.zy + P.zz * F.zz) * inverse_J, out + 2 * TLED_LANES);
+  store_lanes((P.xx * F.yx + P.xy * F.yy + P.xz * F.yz) * inverse_J, out + 3 * TLED_LANES);
+  store_lanes((P.yx * F.zx + P.yy * F.zy + P.yz * F.zz) * inverse_J, out + 4 * TLED_LANES);
+  store_lanes((P.xx * F.zx + P.xy * F.zy + P.xz * F.zz) * inverse_J, out + 5 * TLED_LANES);
+  out += 6 * TLED_LANES;
+  store_lanes(neo_hookean_energy(parameters, J, cube_root, squared_norm(F)), out);
+  store_lanes(hourglass * (R(1.0) / volume), out + TLED_LANES);
+  const real gx = shape[SHAPE_GRADIENT], gy = shape[SHAPE_GRADIENT + 1],
+             gz = shape[SHAPE_GRADIENT + 2];
+  const realv growth =
+      (gx * gx * (cof.xx * cof.xx + cof.yx * cof.yx + cof.zx * cof.zx) +
+       gy * gy * (cof.xy * cof.xy + cof.yy * cof.yy + cof.zy * cof.zy) +
+       gz * gz * (cof.xz * cof.xz + cof.yz * cof.yz + cof.zz * cof.zz)) *
+      (R(1.0) / (gx * gx + gy * gy + gz * gz)) * (R(0.5) + R(0.5) * inverse_J * inverse_J);
+  const realv F_det = F.xx * cof.xx + F.xy * cof.xy + F.xz * cof.xz;
+  store_lanes(F_det > R(0.0) ? growth : broadcast(R(-1.0)), out + 2 * TLED_LANES);
+}

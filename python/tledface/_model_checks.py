@@ -1,0 +1,155 @@
+"""Checks of the arrays that make a model; each failure is one complete line for the user."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tledface.constitutive import Material
+from tledface.errors import InputError
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Node keys pack three grid indices in one int64.
+MAX_CELL = 2_000_000
+_FRACTION_SUM_TOLERANCE = 1e-6
+
+
+def show(values: Floats) -> str:
+    """Format a vector for a message."""
+    return "(" + ", ".join(f"{v:.6g}" for v in values) + ")"
+
+
+def floats(what: str, values: ArrayLike) -> Floats:
+    """Return a float64 copy."""
+    try:
+        return np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{what} must be numbers: {error}") from None
+
+
+def vector(what: str, values: ArrayLike) -> Floats:
+    """Return three finite numbers."""
+    vector = floats(what, values)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise InputError(f"{what} must be three finite numbers, got {values!r}")
+    return vector
+
+
+def checked_cells(cells: ArrayLike) -> NDArray[np.int32]:
+    """Return (n_elem, 3) grid indices; distinctness is checked where they are sorted."""
+    grid = np.asarray(cells)
+    if grid.ndim != 2 or grid.shape[1:] != (3,) or grid.dtype.kind not in "iu" or not len(grid):
+        raise InputError(
+            f"cells: got shape {grid.shape} of {grid.dtype}, need (n_elem, 3) whole numbers and "
+            "at least one element"
+        )
+    if grid.min() < 0 or grid.max() > MAX_CELL:
+        raise InputError(
+            f"cells: grid indices {grid.min()} to {grid.max()} found, allowed 0 to {MAX_CELL}"
+        )
+    return np.array(grid, dtype=np.int32, order="C")
+
+
+def checked_tissues(tissues: Sequence[str], materials: Sequence[Material]) -> list[str]:
+    """Return distinct tissue names, one per material."""
+    names = list(tissues)
+    if not names or len(set(names)) != len(names):
+        raise InputError(f"tissues: got {names}, need one or more distinct names")
+    if len(materials) != len(names):
+        raise InputError(f"tissues: {len(names)} names but {len(materials)} materials")
+    return names
+
+
+def checked_fractions(fractions: ArrayLike, n_elem: int, tissues: list[str]) -> Floats:
+    """Return (n_elem, n_tissues) fractions whose rows sum to 1."""
+    table = floats("fractions", fractions)
+    if table.shape != (n_elem, len(tissues)):
+        raise InputError(f"fractions: got shape {table.shape}, need ({n_elem}, {len(tissues)})")
+    with np.errstate(invalid="ignore"):
+        good = (table >= 0.0).all(axis=1)
+        good &= np.abs(table.sum(axis=1) - 1.0) <= _FRACTION_SUM_TOLERANCE
+    if not good.all():
+        element = int(np.argmin(good))
+        raise InputError(
+            f"fractions: element {element} has {show(table[element])}, need values of 0 to 1 "
+            f"that sum to 1 ({np.count_nonzero(~good)} bad elements of {n_elem})"
+        )
+    return table
+
+
+def checked_section(
+    section_ratio: ArrayLike | None, layer_normal: ArrayLike | None, n_elem: int
+) -> tuple[Floats | None, Floats | None]:
+    """Return section ratio and layer normal, both or neither."""
+    if section_ratio is None and layer_normal is None:
+        return None, None
+    if section_ratio is None or layer_normal is None:
+        raise InputError("section_ratio and layer_normal must be given together")
+    ratio, normal = floats("section_ratio", section_ratio), floats("layer_normal", layer_normal)
+    if ratio.shape != (n_elem,) or normal.shape != (n_elem, 3):
+        raise InputError(
+            f"section_ratio, layer_normal: got shapes {ratio.shape} and {normal.shape}, need "
+            f"({n_elem},) and ({n_elem}, 3)"
+        )
+    if not (np.isfinite(ratio) & (ratio >= 0.0)).all():
+        raise InputError("section_ratio: values must be finite and at least 0")
+    length = np.linalg.norm(normal, axis=1)
+    good = (np.abs(length - 1.0) <= 1e-6) | ((length == 0.0) & (ratio == 1.0))
+    if not good.all():
+        element = int(np.argmin(good))
+        raise InputError(
+            f"layer_normal: element {element} has length {length[element]:.6g}, need a unit "
+            "vector, or zero where section_ratio is 1"
+        )
+    return ratio, normal
+
+
+def checked_fibre(name: str, fibre: ArrayLike, mask: Mask) -> Floats:
+    """Return one unit direction per selected element, (m, 3)."""
+    vectors = floats(f"muscle {name!r}: fibre", fibre)
+    m = int(np.count_nonzero(mask))
+    if vectors.shape == (3,):
+        vectors = np.broadcast_to(vectors, (m, 3))
+    elif vectors.shape == (len(mask), 3):
+        vectors = vectors[mask]
+    elif vectors.shape != (m, 3):
+        raise InputError(
+            f"muscle {name!r}: fibre has shape {vectors.shape}, need (3,), ({m}, 3) for the "
+            f"selected elements or ({len(mask)}, 3) for all"
+        )
+    length = np.linalg.norm(vectors, axis=1)
+    good = np.isfinite(length) & (length > 0.0)
+    if not good.all():
+        index = int(np.argmin(good))
+        raise InputError(
+            f"muscle {name!r}: fibre of element {int(np.flatnonzero(mask)[index])} is "
+            f"{show(vectors[index])}, need a finite direction of non-zero length"
+        )
+    return np.ascontiguousarray(vectors / length[:, None])
+
+
+def checked_weight(name: str, weight: ArrayLike, mask: Mask) -> Floats:
+    """Return one weight per selected element, (m,)."""
+    values = floats(f"muscle {name!r}: weight", weight)
+    m = int(np.count_nonzero(mask))
+    if values.shape == ():
+        values = np.full(m, float(values))
+    elif values.shape == (len(mask),):
+        values = values[mask]
+    elif values.shape != (m,):
+        raise InputError(
+            f"muscle {name!r}: weight has shape {values.shape}, need a number, ({m},) or "
+            f"({len(mask)},)"
+        )
+    good = (values >= 0.0) & (values <= 1.0)
+    if not good.all():
+        index = int(np.argmin(good))
+        raise InputError(
+            f"muscle {name!r}: weight of element {int(np.flatnonzero(mask)[index])} is "
+            f"{values[index]:g}, allowed 0 to 1"
+        )
+    return np.ascontiguousarray(values)

@@ -1,0 +1,130 @@
+"""What a scene costs before it is run: voxels, memory, time step and an estimate of the time."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from tledface import device as device_module
+from tledface.progress import spinner
+from tledface.run import simulator_of
+
+if TYPE_CHECKING:
+    from tledface.scene import Scene
+    from tledface.simulator import Simulator
+
+__all__ = ["Check", "check_scene"]
+
+# Steps are timed in batches until this much time has gone by (s).
+_TIMING = 1.0
+_BATCH = 50
+
+
+@dataclass(frozen=True)
+class Check:
+    """Counts, sizes (bytes), times (s) of a scene on a device."""
+
+    scene: str
+    elements: int
+    nodes: int
+    tissues: dict[str, int]
+    muscles: dict[str, int]
+    fixed_nodes: int
+    dropped_voxels: int
+    memory_bytes: int | None
+    dt_s: float
+    dt_crit_s: float
+    dt_tissue: str
+    steps: int
+    estimated_s: float
+    device: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return asdict(self)
+
+    def text(self) -> str:
+        """A few lines for a person."""
+        tissues = ", ".join(f"{name} {count:,}" for name, count in self.tissues.items())
+        muscles = ", ".join(f"{name} {count:,}" for name, count in self.muscles.items())
+        memory = "unknown" if self.memory_bytes is None else f"{self.memory_bytes / 2**20:.0f} MiB"
+        return "\n".join(
+            [
+                f"scene      {self.scene}: valid",
+                f"voxels     {self.elements:,} ({tissues}), {self.nodes:,} nodes, "
+                f"{self.fixed_nodes:,} held, {self.dropped_voxels:,} loose voxels left out",
+                f"muscles    {muscles or 'none'}",
+                f"memory     {memory} at most so far (building and simulating)",
+                f"time step  {self.dt_s * 1e6:.3g} us; the bound is {self.dt_crit_s * 1e6:.3g} us, "
+                f"set by {self.dt_tissue}",
+                f"time       about {_duration(self.estimated_s)} for {self.steps:,} steps "
+                f"on {self.device}",
+            ]
+        )
+
+
+def check_scene(scene: Scene, *, device: Any = "auto", quiet: bool = False) -> Check:
+    """Build a scene, time a few steps on the device, and count.
+
+    Raises InputError as building and simulating do; writes nothing.
+    """
+    opened = device_module.resolve(device)
+    with spinner("building the model", quiet=quiet):
+        model = scene.build()
+    with spinner("timing some steps", quiet=quiet):
+        sim = simulator_of(scene, model, opened)
+        step_time = _time_step(sim)
+    report = model.report
+    main_tissue = model.fractions.argmax(axis=1)
+    steps = round(scene.solver.duration / sim.dt)
+    return Check(
+        scene=str(scene.path or "scene"),
+        elements=model.n_elements,
+        nodes=model.n_nodes,
+        tissues={name: int((main_tissue == i).sum()) for i, name in enumerate(model.tissues)},
+        muscles={muscle.name: len(muscle.elements) for muscle in model.muscles},
+        fixed_nodes=int(model.fixed.any(axis=1).sum()),
+        dropped_voxels=sum(report["dropped_components"]) + report["dropped_loose_voxels"],
+        memory_bytes=_peak_memory(),
+        dt_s=float(sim.dt),
+        dt_crit_s=float(sim.dt_crit),
+        dt_tissue=sim.dt_crit_tissue,
+        steps=steps,
+        estimated_s=steps * step_time,
+        device=opened.info.name,
+    )
+
+
+def _time_step(sim: Simulator) -> float:
+    """Seconds for a step, measured after a first batch that warms caches and clocks up."""
+    sim.step(_BATCH)
+    steps, elapsed = 0, 0.0
+    started = time.perf_counter()
+    while elapsed < _TIMING or steps == 0:
+        sim.step(_BATCH)
+        # Reading the state waits for a device that works in the background.
+        _ = sim.u
+        steps += _BATCH
+        elapsed = time.perf_counter() - started
+    return elapsed / steps
+
+
+def _peak_memory() -> int | None:
+    """The process's peak memory so far in bytes; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    import sys
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min"
+    return f"{seconds / 3600:.1f} h"

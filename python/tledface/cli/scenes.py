@@ -1,0 +1,112 @@
+"""Verbs about scenes: new, check, build, run, schema."""
+
+from __future__ import annotations
+
+import json as json_module
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tledface.cli.common import AsJson, Device, Force, Quiet, give
+
+__all__ = ["build", "check", "new", "run", "schema"]
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML).")]
+
+
+def new(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The scene file to write.")],
+    json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a commented scene to start from."""
+    from tledface.scene import write_template
+
+    write_template(file)
+    give(
+        f"wrote {file}; set its surface files, then: tledface check {file}",
+        {"scene": str(file)},
+        as_json=json,
+        quiet=quiet,
+    )
+
+
+def check(
+    scene: SceneFile, device: Device = "auto", json: AsJson = False, quiet: Quiet = False
+) -> None:
+    """Validate a scene; print voxel count, memory, time step bound and its tissue, and time.
+
+    Builds the model and times a few steps on the device, and writes nothing.
+    """
+    from tledface.check import check_scene
+    from tledface.scene import Scene
+
+    found = check_scene(Scene.load(scene), device=device, quiet=quiet or json)
+    give(found.text(), found.to_dict(), as_json=json, quiet=quiet)
+
+
+def build(
+    scene: SceneFile,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="MODEL.h5", help="The model file to write.")
+    ],
+    json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Turn a scene's surfaces into a voxel model, saved as HDF5."""
+    from tledface.progress import spinner
+    from tledface.run import save_built
+    from tledface.scene import Scene
+
+    loaded = Scene.load(scene)
+    with spinner("building the model", quiet=quiet or json):
+        model = loaded.build()
+    save_built(loaded, model, output)
+    give(
+        f"wrote {output}: {model.n_elements:,} voxels, {model.n_nodes:,} nodes; "
+        f"tissues {', '.join(model.tissues)}",
+        {
+            "model": str(output),
+            "elements": model.n_elements,
+            "nodes": model.n_nodes,
+            "tissues": list(model.tissues),
+        },
+        as_json=json,
+        quiet=quiet,
+    )
+
+
+def run(
+    scene: Annotated[
+        Path,
+        typer.Argument(metavar="SCENE|MODEL", help="A scene file, or a model made by `build`."),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="The folder for the results.")
+    ],
+    device: Device = "auto",
+    force: Force = False,
+    json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a scene: frames for ParaView, the deformed surface, a picture."""
+    from tledface.run import load_run, run_scene
+    from tledface.scene import Scene
+
+    if scene.suffix in (".h5", ".hdf5"):
+        loaded, model = load_run(scene)
+    else:
+        loaded, model = Scene.load(scene), None
+    result = run_scene(loaded, output, device=device, force=force, model=model, quiet=quiet or json)
+    give(result.text(), result.to_dict(), as_json=json, quiet=quiet)
+
+
+def schema(
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", hidden=True)] = False,
+    json: Annotated[bool, typer.Option("--json", hidden=True)] = False,
+) -> None:
+    """Print the JSON Schema of the scene file."""
+    from tledface.scene import Scene
+
+    print(json_module.dumps(Scene.json_schema(), indent=None if json else 2))

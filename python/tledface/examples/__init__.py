@@ -1,0 +1,1 @@
+"""Shipped examples: each writes surfaces and a scene into a folder."""

@@ -1,0 +1,140 @@
+"""Folds of a run's surface: measured along the fibres of the muscle that pulls hardest.
+
+Lines run along the mean fibre direction, over the part of the outer surface that lies above the
+muscle; heights are along that surface's mean normal at rest. The line with the median number of
+folds (of several such, the one with the highest) stands for all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tledface.metrics import WrinkleMetrics, line_profile, wrinkles
+from tledface.model import Model
+from tledface.muscle import Muscle
+
+__all__ = ["Folds", "measure_folds"]
+
+Floats = NDArray[np.float64]
+Boxes = Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]]
+
+_LINES = 9
+_SAMPLES = 800
+# Lines reach this share of the muscle's length beyond its ends: folds also form next to it.
+_OVERHANG = 0.25
+_NEAREST_SAMPLES = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """Folds over a muscle: number, mean distance (m, NaN below two folds), mean height (m).
+
+    ``line`` holds the two ends (3,) m of the line that was measured, ``up`` (3,) the unit
+    direction of its heights.
+    """
+
+    muscle: str
+    count: int
+    wavelength: float
+    amplitude: float
+    line: tuple[Floats, Floats]
+    up: Floats
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, SI units; a wavelength that is not there is None."""
+        return {
+            "muscle": self.muscle,
+            "count": self.count,
+            "wavelength_m": self.wavelength if math.isfinite(self.wavelength) else None,
+            "amplitude_m": self.amplitude,
+        }
+
+    def text(self) -> str:
+        """One line for a person."""
+        if self.count == 0:
+            return f"no wrinkles over {self.muscle}"
+        spacing = f", {self.wavelength * 1e3:.1f} mm apart" if self.count > 1 else ""
+        folds = "fold" if self.count == 1 else "folds"
+        height = self.amplitude * 1e3
+        return f"wrinkles over {self.muscle}: {self.count} {folds}{spacing}, {height:.2f} mm high"
+
+
+def measure_folds(
+    model: Model,
+    surface: str,
+    u: Floats,
+    strengths: Mapping[str, float],
+    outer: Boxes | None = None,
+) -> Folds | None:
+    """Measure the folds over the strongest muscle; None if no muscle pulls.
+
+    Arguments: ``surface``, a name in ``model.surfaces``; ``u`` (n_nodes, 3) m; ``strengths``,
+    active stress (Pa) by muscle name; ``outer``, boxes (low, high corner, m) that hold the outer
+    faces of the surface (None: all faces may be outer ones).
+    """
+    pulling = [muscle for muscle in model.muscles if strengths.get(muscle.name, 0.0) > 0.0]
+    if not pulling:
+        return None
+    muscle = max(pulling, key=lambda m: strengths[m.name] * float(m.weight.sum()))
+    bound = model.surfaces[surface]
+    centres = model.centres[muscle.elements]
+    up = _outward(bound.vertices, bound.faces, centres, outer)
+    along = _mean_fibre(muscle)
+    along -= (along @ up) * up
+    if not np.linalg.norm(along) > 1e-6:
+        return None
+    along /= np.linalg.norm(along)
+    across = np.cross(up, along)
+    start, end = np.quantile(centres @ along, [0.02, 0.98])
+    overhang = _OVERHANG * (end - start) + float(model.voxel.max())
+    height = float((centres @ up).mean())
+    moved = bound.displaced(u)
+    found = []
+    for offset in np.quantile(centres @ across, np.linspace(0.2, 0.8, _LINES)):
+        foot = offset * across + height * up
+        ends = (foot + (start - overhang) * along, foot + (end + overhang) * along)
+        line = _measure(moved, bound.faces, ends, up)
+        found.append(Folds(muscle.name, line.count, line.wavelength, line.amplitude, ends, up))
+    counts = sorted(folds.count for folds in found)
+    median = counts[len(counts) // 2]
+    return max((f for f in found if f.count == median), key=lambda f: f.amplitude)
+
+
+def _measure(
+    vertices: Floats, faces: NDArray[np.integer], ends: tuple[Floats, Floats], up: Floats
+) -> WrinkleMetrics:
+    spacing = float(np.linalg.norm(ends[1] - ends[0])) / _SAMPLES
+    return wrinkles(line_profile(vertices, faces, *ends, spacing, direction=up)[1], spacing)
+
+
+def _mean_fibre(muscle: Muscle) -> Floats:
+    """The axis closest to all fibres, whose signs do not matter."""
+    spread = np.einsum("e,ei,ej->ij", muscle.weight, muscle.fibre, muscle.fibre)
+    return np.array(np.linalg.eigh(spread)[1][:, -1])
+
+
+def _outward(
+    vertices: Floats, faces: NDArray[np.integer], centres: Floats, outer: Boxes | None
+) -> Floats:
+    """The mean unit normal of the outer faces nearest to the muscle."""
+    corners = vertices[faces]
+    middle = corners.mean(axis=1)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if outer is not None:
+        inside = np.zeros(len(middle), dtype=bool)
+        for low, high in outer:
+            inside |= ((middle >= low) & (middle <= high)).all(axis=1)
+        if inside.any():
+            middle, normal = middle[inside], normal[inside]
+    chosen = centres[:: max(1, len(centres) // _NEAREST_SAMPLES)]
+    nearest = [int(((middle - centre) ** 2).sum(axis=1).argmin()) for centre in chosen]
+    size = np.linalg.norm(normal[nearest], axis=1, keepdims=True)
+    mean = (normal[nearest] / np.maximum(size, np.finfo(float).tiny)).sum(axis=0)
+    norm = float(np.linalg.norm(mean))
+    return mean / norm if norm > 0.0 else np.array([0.0, 0.0, 1.0])

@@ -1,0 +1,126 @@
+"""Reading surface files into closed, checked surfaces in metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from tledface import _core
+from tledface.errors import InputError
+
+__all__ = ["SURFACE_FORMATS", "SurfaceFile", "read_surface"]
+
+SURFACE_FORMATS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf")
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceFile:
+    """A surface as its file has it and as a closed volume.
+
+    Attributes:
+        path: The file.
+        vertices: (nv, 3) float64, m, in the file's order (equal ones of an STL file merged).
+        faces: (nf, 3) int32, in the file's order.
+        solid: The checked volume: welded, oriented, small holes filled.
+    """
+
+    path: Path
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    solid: _core.Surface
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Low and high corner of the volume's box, (2, 3) m."""
+        vertices = self.solid.vertices
+        return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+
+
+def read_surface(path: str | Path, *, unit_scale: float = 1.0) -> SurfaceFile:
+    """Read a closed triangle surface.
+
+    Args:
+        path: A file that trimesh reads, by its ending (see ``SURFACE_FORMATS``).
+        unit_scale: Metres in one unit of the file.
+
+    Raises:
+        InputError: no such file, an unknown ending, not readable as that format, no triangles, a
+            vertex that is not finite, a large hole, a surface that cannot be oriented, no volume.
+
+    Holes up to a tenth of the box's diagonal in perimeter are filled; ``solid.report`` has what
+    was found and repaired, lengths in metres.
+    """
+    path = Path(path)
+    vertices, faces = _read_triangles(path)
+    if path.suffix.lower() == ".stl":
+        vertices, faces = _merge_equal(vertices, faces)
+    vertices = vertices * unit_scale
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise InputError(
+            f"{path}: a face names vertex {faces.min() if faces.min() < 0 else faces.max()}, "
+            f"allowed are 0 to {len(vertices) - 1}; export the surface again"
+        )
+    triangles = faces.astype(np.int32)
+    return SurfaceFile(path, vertices, triangles, _core.prepare_surface(vertices, triangles, str(path)))
+
+
+def _read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    if not path.is_file():
+        raise InputError(
+            f"{path}: {'is not a file' if path.exists() else 'no such surface file'}; "
+            "check the path, relative ones start at the scene file's folder"
+        )
+    if path.suffix.lower() not in SURFACE_FORMATS:
+        raise InputError(
+            f"{path}: ending {path.suffix!r} is not known; allowed: {', '.join(SURFACE_FORMATS)}"
+        )
+    if path.stat().st_size == 0:
+        raise InputError(f"{path}: the file is empty; export the surface again")
+    try:
+        loaded = trimesh.load(path, process=False)
+        parts = [loaded] if isinstance(loaded, trimesh.Trimesh) else _scene_parts(loaded)
+        vertices = [np.asarray(part.vertices, dtype=np.float64).reshape(-1, 3) for part in parts]
+        faces = [np.asarray(part.faces, dtype=np.int64).reshape(-1, 3) for part in parts]
+    # The parsers raise whatever the damage provokes: struct, index, key and value errors.
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"{path}: cannot be read as {path.suffix.lower()[1:].upper()} ({reason}); "
+            "export the surface again"
+        ) from None
+    if not parts or not sum(len(triangles) for triangles in faces):
+        raise InputError(f"{path}: no triangles in it; a closed triangle surface is needed")
+    starts = np.cumsum([0, *(len(points) for points in vertices[:-1])])
+    return (
+        np.concatenate(vertices),
+        np.concatenate([part + start for part, start in zip(faces, starts, strict=True)]),
+    )
+
+
+def _scene_parts(loaded: Any) -> list[trimesh.Trimesh]:
+    """Return the meshes of a file with several, each moved to its place."""
+    if not isinstance(loaded, trimesh.Scene):
+        return []
+    parts = []
+    for node in loaded.graph.nodes_geometry:
+        transform, name = loaded.graph[node]
+        mesh = loaded.geometry[name]
+        if isinstance(mesh, trimesh.Trimesh):
+            parts.append(mesh.copy().apply_transform(transform))
+    return parts
+
+
+def _merge_equal(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Merge equal vertices, keeping the order of their first appearance."""
+    _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return vertices[first[order]], rank[inverse.reshape(-1)][faces]

@@ -1,0 +1,1 @@
+"""Files in and out: the model file, time series for ParaView, surfaces for other tools."""

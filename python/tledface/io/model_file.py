@@ -1,0 +1,162 @@
+"""The model file: a voxel model in HDF5, SI units.
+
+Nodes and elements are not stored: they follow from the cells (see docs/reference/model-file.md
+for the layout). A file is written under a temporary name and renamed when complete.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from tledface.constitutive import Material, material
+from tledface.errors import InputError
+from tledface.io._atomic import atomic_path
+from tledface.model import Model
+from tledface.surface import BoundSurface
+
+__all__ = ["FORMAT", "VERSION", "load_model", "save_model"]
+
+FORMAT = "tledface model"
+VERSION = 1
+UNITS = "m kg s Pa"
+
+_COMPRESSION: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+
+def save_model(model: Model, path: str | Path) -> None:
+    """Write a model.
+
+    Args:
+        model: The model.
+        path: The file to write; an existing one is replaced once the new one is complete.
+
+    Raises:
+        InputError: the folder does not exist or is not writable.
+    """
+    with atomic_path(Path(path), "model file") as part, h5py.File(part, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["version"] = VERSION
+        file.attrs["units"] = UNITS
+        for name in ("voxel", "origin", "gravity"):
+            file.attrs[name] = getattr(model, name)
+        for name in ("cells", "fractions", "fixed"):
+            file.create_dataset(name, data=getattr(model, name), **_COMPRESSION)
+        if model.section_ratio is not None:
+            for name in ("section_ratio", "layer_normal"):
+                file.create_dataset(name, data=getattr(model, name), **_COMPRESSION)
+        tissues = zip(model.tissues, model.tissue_materials, strict=True)
+        for number, (name, law) in enumerate(tissues):
+            group = file.create_group(f"tissues/{number}")
+            group.attrs.update({"name": name, "model": law.model, "density": law.density})
+            group.create_group("parameters").attrs.update(law.parameters)
+            group.create_group("options").attrs.update(law.options)
+        for number, muscle in enumerate(model.muscles):
+            group = file.create_group(f"muscles/{number}")
+            for name in ("name", "sigma_act", "sigma_pas", "lambda_opt", "lambda_pas"):
+                group.attrs[name] = getattr(muscle, name)
+            for name in ("elements", "fibre", "weight"):
+                group.create_dataset(name, data=getattr(muscle, name), **_COMPRESSION)
+        for number, (name, surface) in enumerate(model.surfaces.items()):
+            group = file.create_group(f"surfaces/{number}")
+            group.attrs["name"] = name
+            for key in ("vertices", "faces", "element", "local"):
+                group.create_dataset(key, data=getattr(surface, key), **_COMPRESSION)
+
+
+def load_model(path: str | Path) -> Model:
+    """Read a model written by `save_model`.
+
+    Raises:
+        InputError: no such file, not a model file, a version this tledface does not know, or a
+            file that is damaged.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"model file {path}: no such file")
+    try:
+        file = h5py.File(path, "r")
+    except OSError:
+        raise InputError(
+            f"model file {path}: not an HDF5 file, or cut short; build the model again"
+        ) from None
+    with file:
+        if file.attrs.get("format") != FORMAT:
+            raise InputError(
+                f"model file {path}: an HDF5 file but not a tledface model; "
+                "`tledface build SCENE -o MODEL.h5` makes one"
+            )
+        version = file.attrs.get("version")
+        if version != VERSION:
+            raise InputError(
+                f"model file {path}: version {version}, this tledface reads version {VERSION}; "
+                "build the model again"
+            )
+        try:
+            return _read(file)
+        except InputError as error:
+            raise InputError(f"model file {path}: {error}") from None
+        except (KeyError, OSError, TypeError, ValueError, IndexError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(
+                f"model file {path}: damaged ({reason}); build the model again"
+            ) from None
+
+
+def _read(file: h5py.File) -> Model:
+    tissues = _numbered(file, "tissues")
+    layered = "section_ratio" in file
+    model = Model.from_voxels(
+        file.attrs["voxel"],
+        file.attrs["origin"],
+        file["cells"][()],
+        [str(group.attrs["name"]) for group in tissues],
+        [_material(group) for group in tissues],
+        file["fractions"][()],
+        section_ratio=file["section_ratio"][()] if layered else None,
+        layer_normal=file["layer_normal"][()] if layered else None,
+        surfaces={},
+    )
+    model.gravity = file.attrs["gravity"]
+    fixed = file["fixed"][()].astype(bool)
+    if fixed.shape != model.fixed.shape:
+        raise InputError(f"fixed has shape {fixed.shape}, the cells give {model.fixed.shape}")
+    model.fixed[:] = fixed
+    for group in _numbered(file, "muscles"):
+        where = np.zeros(model.n_elements, dtype=bool)
+        where[group["elements"][()]] = True
+        model.add_muscle(
+            str(group.attrs["name"]),
+            where,
+            group["fibre"][()],
+            weight=group["weight"][()],
+            **{
+                key: float(group.attrs[key])
+                for key in ("sigma_act", "sigma_pas", "lambda_opt", "lambda_pas")
+            },
+        )
+    for group in _numbered(file, "surfaces"):
+        element = group["element"][()]
+        model.surfaces[str(group.attrs["name"])] = BoundSurface(
+            group["vertices"][()],
+            group["faces"][()],
+            element,
+            group["local"][()],
+            model.elements[element],
+        )
+    return model
+
+
+def _numbered(file: h5py.File, name: str) -> list[h5py.Group]:
+    return [file[name][str(n)] for n in range(len(file[name]))] if name in file else []
+
+
+def _material(group: h5py.Group) -> Material:
+    parameters = {key: float(value) for key, value in group["parameters"].attrs.items()}
+    options = {key: str(value) for key, value in group["options"].attrs.items()}
+    return material(
+        str(group.attrs["model"]), density=float(group.attrs["density"]), **parameters, **options
+    )

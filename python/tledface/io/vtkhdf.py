@@ -1,0 +1,310 @@
+"""Time series for ParaView in VTKHDF, one file a run.
+
+`VTKHDFWriter` stores the voxel model: reference geometry once, displacement per step (in
+ParaView: Warp By Vector). `VTKHDFSurfaceWriter` stores a surface whose points move. Both follow
+the VTKHDF 2.0 file format of the VTK documentation, transient UnstructuredGrid and PolyData.
+
+While a run lasts the file is called ``<stem>.part.vtkhdf`` and is complete up to the last frame
+after each append; closing renames it. A run that ends by an exception keeps its frames under the
+final name; a process that is killed leaves the readable part file.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tledface.errors import InputError
+from tledface.io._atomic import check_folder
+from tledface.model import Model
+from tledface.surface import BoundSurface
+
+__all__ = ["VTKHDFSurfaceWriter", "VTKHDFWriter"]
+
+_VTK_HEXAHEDRON = 12
+_ENDING = ".vtkhdf"
+
+
+class _TimeSeries:
+    """The file under its temporary name and the `Steps` group."""
+
+    def __init__(self, path: str | Path, kind: str, n_points: int, n_cells: int) -> None:
+        self.path = Path(path)
+        if self.path.suffix != _ENDING:
+            raise InputError(f"time series {self.path}: the name must end in {_ENDING}")
+        check_folder(self.path, "time series")
+        self._part = self.path.with_name(f"{self.path.stem}.part{_ENDING}")
+        self._n_points, self._n_cells = n_points, n_cells
+        self._constant: frozenset[str] = frozenset()
+        self._poly = kind == "PolyData"
+        self._file = h5py.File(self._part, "w")
+        self._root = self._file.create_group("VTKHDF")
+        self._root.attrs["Version"] = np.array([2, 0], dtype=np.int64)
+        self._root.attrs.create("Type", np.bytes_(kind))
+        self._steps = self._root.create_group("Steps")
+        self._steps.attrs["NSteps"] = np.int64(0)
+        self._steps.create_group("PointDataOffsets")
+        self._steps.create_group("CellDataOffsets")
+        self._root.create_group("PointData")
+        self._root.create_group("CellData")
+
+    def __enter__(self) -> Self:
+        """Use as a context; leaving it closes the file."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the file, with the frames it has."""
+        self.close()
+
+    @property
+    def n_steps(self) -> int:
+        """Number of frames written."""
+        return int(self._steps.attrs["NSteps"])
+
+    def close(self) -> None:
+        """Finish the file and give it its name; without any frame it is removed."""
+        if not self._file:
+            return
+        written = self.n_steps > 0
+        self._file.close()
+        if written:
+            os.replace(self._part, self.path)
+        else:
+            self._part.unlink()
+
+    def _add_step(self, time: float, first_point: int) -> None:
+        """Count a frame; the data it points at are in the file already."""
+        step = self.n_steps
+        for name, value in (
+            ("PartOffsets", 0),
+            ("NumberOfParts", 1),
+            ("PointOffsets", first_point),
+            ("CellOffsets", 0),
+            ("ConnectivityIdOffsets", 0),
+            ("Values", time),
+        ):
+            # PolyData keeps one offset for each of vertices, lines, polygons and strips.
+            per_kind = self._poly and name in ("CellOffsets", "ConnectivityIdOffsets")
+            dtype = np.float64 if name == "Values" else np.int64
+            _write_row(_growing(self._steps, name, (4,) if per_kind else (), dtype), step, value)
+        self._steps.attrs["NSteps"] = np.int64(step + 1)
+        self._file.flush()
+
+    def _check_time(self, time: float) -> None:
+        if not self._file:
+            raise InputError(f"time series {self.path}: it is closed")
+        last = float(self._steps["Values"][self.n_steps - 1]) if self.n_steps else -np.inf
+        if not np.isfinite(time) or time <= last:
+            raise InputError(
+                f"time series {self.path}: frame time {time:g} s must be finite and above the "
+                f"last one, {last:g} s"
+            )
+
+    def _checked(self, name: str, values: ArrayLike) -> tuple[str, NDArray[np.float32]]:
+        array = np.asarray(values, dtype=np.float32)
+        if array.ndim in (1, 2) and len(array) == self._n_points:
+            return "Point", array
+        if array.ndim in (1, 2) and len(array) == self._n_cells:
+            return "Cell", array
+        raise InputError(
+            f"time series {self.path}: {name!r} has shape {array.shape}, need "
+            f"{self._n_points} rows (points) or {self._n_cells} rows (cells)"
+        )
+
+    def _append_arrays(self, checked: dict[str, tuple[str, NDArray[np.float32]]]) -> None:
+        known = set(self._steps["PointDataOffsets"]) | set(self._steps["CellDataOffsets"])
+        if self.n_steps and set(checked) != known - self._constant:
+            raise InputError(
+                f"time series {self.path}: every frame must have the same arrays; the first had "
+                f"{sorted(known - self._constant)}, this one has {sorted(checked)}"
+            )
+        for name, (kind, array) in checked.items():
+            data = _growing(self._root[f"{kind}Data"], name, array.shape[1:], np.float32)
+            offset = _growing(self._steps[f"{kind}DataOffsets"], name, (), np.int64)
+            start = self.n_steps * len(array)
+            data.resize(start + len(array), axis=0)
+            data[start:] = array
+            _write_row(offset, self.n_steps, start)
+        for name in self._constant:
+            offset = _growing(self._steps["CellDataOffsets"], name, (), np.int64)
+            _write_row(offset, self.n_steps, 0)
+
+
+class VTKHDFWriter(_TimeSeries):
+    """Time series of a voxel model, and of one of its surfaces beside it.
+
+    Args:
+        path: A name ending in .vtkhdf; see the module for when it appears.
+        model: The model; its geometry is written once.
+        surface: Name of one of ``model.surfaces``, or a bound surface: its moving points go to
+            ``<stem>_surface.vtkhdf``. None: no surface file.
+
+    Constant cell data: ``tissue`` (index of the largest fraction), ``fraction_<tissue>``,
+    ``muscle_<name>`` (weight). Point data ``displacement`` in m, float32.
+
+    Raises:
+        InputError: another ending, no such folder, or no surface of that name.
+    """
+
+    def __init__(
+        self, path: str | Path, model: Model, surface: str | BoundSurface | None = None
+    ) -> None:
+        """Write the geometry and the constant fields."""
+        if isinstance(surface, str):
+            if surface not in model.surfaces:
+                raise InputError(
+                    f"time series {path}: the model has no surface {surface!r}; it has "
+                    f"{sorted(model.surfaces)}"
+                )
+            surface = model.surfaces[surface]
+        super().__init__(path, "UnstructuredGrid", model.n_nodes, model.n_elements)
+        root, n_elem = self._root, model.n_elements
+        for name, count in (
+            ("NumberOfPoints", model.n_nodes),
+            ("NumberOfCells", n_elem),
+            ("NumberOfConnectivityIds", 8 * n_elem),
+        ):
+            root.create_dataset(name, data=np.array([count], dtype=np.int64))
+        root.create_dataset("Points", data=model.nodes)
+        root.create_dataset("Types", data=np.full(n_elem, _VTK_HEXAHEDRON, dtype=np.uint8))
+        root.create_dataset("Connectivity", data=model.elements.reshape(-1).astype(np.int64))
+        root.create_dataset("Offsets", data=np.arange(0, 8 * n_elem + 1, 8, dtype=np.int64))
+        fields = _constant_fields(model)
+        for name, values in fields.items():
+            root["CellData"].create_dataset(name, data=values)
+        self._constant = frozenset(fields)
+        self._surface = surface
+        self._surface_writer = None
+        if surface is not None:
+            self._surface_writer = VTKHDFSurfaceWriter(
+                self.path.with_name(f"{self.path.stem}_surface{_ENDING}"),
+                surface.faces,
+                len(surface.vertices),
+            )
+
+    def append(self, time: float, u: ArrayLike, **arrays: ArrayLike) -> None:
+        """Add a frame.
+
+        Args:
+            time: s, above that of the last frame.
+            u: (n_nodes, 3) displacement, m.
+            arrays: More point or cell data by name, (n_nodes,) or (n_elem,) or with columns;
+                the same names in every frame.
+
+        Raises:
+            InputError: a wrong shape, other arrays than before, a time that does not grow.
+        """
+        self._check_time(time)
+        displacement = np.asarray(u)
+        if displacement.shape != (self._n_points, 3):
+            raise InputError(
+                f"time series {self.path}: displacement has shape {displacement.shape}, need "
+                f"({self._n_points}, 3)"
+            )
+        taken = sorted(self._constant & set(arrays))
+        if taken:
+            raise InputError(f"time series {self.path}: {taken[0]!r} is a field of the model")
+        checked = {name: self._checked(name, values) for name, values in arrays.items()}
+        self._append_arrays({"displacement": ("Point", displacement.astype(np.float32))} | checked)
+        self._add_step(time, first_point=0)
+        if self._surface is not None and self._surface_writer is not None:
+            self._surface_writer.append(time, self._surface.displaced(displacement))
+
+    def close(self) -> None:
+        """Finish both files and give them their names."""
+        super().close()
+        if self._surface_writer is not None:
+            self._surface_writer.close()
+
+
+class VTKHDFSurfaceWriter(_TimeSeries):
+    """Time series of a triangle surface whose points move.
+
+    Args:
+        path: A name ending in .vtkhdf; see the module for when it appears.
+        faces: (nf, 3) int, the same in every frame.
+        n_vertices: Number of points in every frame.
+    """
+
+    def __init__(self, path: str | Path, faces: ArrayLike, n_vertices: int) -> None:
+        """Write the triangles."""
+        triangles = np.asarray(faces, dtype=np.int64)
+        super().__init__(path, "PolyData", n_vertices, len(triangles))
+        self._root.create_dataset("NumberOfPoints", data=np.array([n_vertices]))
+        for name in ("Vertices", "Lines", "Polygons", "Strips"):
+            ids = triangles.reshape(-1) if name == "Polygons" else np.empty(0, dtype=np.int64)
+            group = self._root.create_group(name)
+            group.create_dataset("NumberOfCells", data=np.array([len(ids) // 3]))
+            group.create_dataset("NumberOfConnectivityIds", data=np.array([len(ids)]))
+            group.create_dataset("Connectivity", data=ids)
+            group.create_dataset("Offsets", data=np.arange(0, len(ids) + 1, 3))
+        self._points = _growing(self._root, "Points", (3,), np.float64)
+
+    def append(self, time: float, vertices: ArrayLike, **arrays: ArrayLike) -> None:
+        """Add a frame.
+
+        Args:
+            time: s, above that of the last frame.
+            vertices: (nv, 3) m, moved positions.
+            arrays: Point or cell data by name, the same names in every frame.
+
+        Raises:
+            InputError: a wrong shape, other arrays than before, a time that does not grow.
+        """
+        self._check_time(time)
+        points = np.asarray(vertices, dtype=np.float64)
+        if points.shape != (self._n_points, 3):
+            raise InputError(
+                f"time series {self.path}: vertices have shape {points.shape}, need "
+                f"({self._n_points}, 3)"
+            )
+        self._append_arrays({name: self._checked(name, v) for name, v in arrays.items()})
+        start = self.n_steps * self._n_points
+        self._points.resize(start + self._n_points, axis=0)
+        self._points[start:] = points
+        self._add_step(time, first_point=start)
+
+
+def _constant_fields(model: Model) -> dict[str, NDArray[np.generic]]:
+    fields: dict[str, NDArray[np.generic]] = {
+        "tissue": np.argmax(model.fractions, axis=1).astype(np.int32)
+    }
+    for column, name in enumerate(model.tissues):
+        fields[f"fraction_{_plain(name)}"] = model.fractions[:, column].astype(np.float32)
+    for muscle in model.muscles:
+        weight = np.zeros(model.n_elements, dtype=np.float32)
+        weight[muscle.elements] = muscle.weight
+        fields[f"muscle_{_plain(muscle.name)}"] = weight
+    return fields
+
+
+def _plain(name: str) -> str:
+    """HDF5 splits names at slashes."""
+    return name.replace("/", "_")
+
+
+def _growing(
+    group: h5py.Group, name: str, columns: tuple[int, ...], dtype: type[np.generic]
+) -> h5py.Dataset:
+    if name not in group:
+        rows = 16384 if dtype is np.float32 or columns == (3,) else 64
+        group.create_dataset(
+            name, (0, *columns), dtype, maxshape=(None, *columns), chunks=(rows, *columns)
+        )
+    return group[name]
+
+
+def _write_row(dataset: h5py.Dataset, row: int, value: float) -> None:
+    dataset.resize(row + 1, axis=0)
+    dataset[row] = value

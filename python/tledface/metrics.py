@@ -1,0 +1,351 @@
+"""Wrinkles measured: how many folds, how far apart, how high.
+
+A line of heights is split into shape and detail by a local fit of fourth degree under a Gaussian
+window (Savitzky and Golay's smoothing with a Gaussian weight), which leaves slopes and domes to
+the shape right up to the ends of the line. Folds are the ridges of the detail whose prominence
+passes two thresholds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tledface.errors import InputError
+from tledface.raster import rasterise, view_axes
+
+__all__ = ["HeightMap", "WrinkleMetrics", "detail", "height_map", "line_profile", "wrinkles"]
+
+Floats = NDArray[np.float64]
+
+_MIN_SAMPLES = 7
+# m; wrinkles of skin are closer together, the features of a face further apart.
+_SHAPE_WAVELENGTH = 0.02
+_SHAPE_SHARE = 1.0 / 3.0
+_DEGREE = 4
+# Standard deviation of the window over the wavelength of which the fit keeps half:
+# (1 + q + q^2/2) exp(-q) = 1/2 with q = (2 pi s / wavelength)^2 / 2.
+_WINDOW = 0.368
+
+
+@dataclass(frozen=True, eq=False)
+class WrinkleMetrics:
+    """Folds of a line, or of a patch taken line by line.
+
+    Attributes:
+        count: Number of folds; for a patch the median over its lines, rounded.
+        wavelength: m, mean distance between neighbouring ridges; NaN with fewer than two.
+        amplitude: m, mean height of the ridges above the chord between their two valleys (peak
+            to valley, less shape); 0 without folds.
+        positions: m, positions of the ridges along each line, one array per line.
+        heights: m, height of each of those ridges above its chord.
+        counts: Folds of each line.
+    """
+
+    count: int
+    wavelength: float
+    amplitude: float
+    positions: list[Floats] = field(repr=False)
+    heights: list[Floats] = field(repr=False)
+    counts: NDArray[np.int64] = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """Heights of a surface seen along a direction.
+
+    Attributes:
+        heights: (rows, columns) m along ``axes[2]``, NaN where there is no surface; rows are
+            lines along ``axes[0]``, row 0 lowest along ``axes[1]``.
+        spacing: m between samples, the same both ways.
+        origin: (2,) m, position of sample (0, 0) along ``axes[0]`` and ``axes[1]``.
+        axes: (3, 3) rows right, up and towards the viewer.
+    """
+
+    heights: Floats
+    spacing: float
+    origin: Floats
+    axes: Floats
+
+
+def wrinkles(
+    heights: ArrayLike,
+    spacing: float,
+    *,
+    shape_wavelength: float | None = None,
+    min_prominence: float = 5e-5,
+    relative_prominence: float = 0.2,
+) -> WrinkleMetrics:
+    """Count and measure the folds of a line or a patch.
+
+    Args:
+        heights: (n,) a line, or (lines, n) a patch whose rows are lines across the folds, m.
+            Of a line with NaN only the longest finite stretch counts.
+        spacing: m between samples.
+        shape_wavelength: m, longer waves are shape, not folds (at this wavelength half is).
+            None: a third of the length of the line, at most 20 mm.
+        min_prominence: m, a ridge must stand out at least this much.
+        relative_prominence: and at least this share of the line's most prominent ridge.
+
+    Raises:
+        InputError: wrong dimensions, fewer than 7 samples, or a spacing that is not positive.
+
+    A ridge is a local maximum of heights less shape, inside the line and with a valley inside
+    the line on one side at least. Prominence is the ridge's height above the higher of the two
+    lowest points that separate it from higher ground or from the end of the line.
+    """
+    patch, window = _checked_lines(heights, spacing, shape_wavelength)
+    positions, amplitudes = [], []
+    for line in patch:
+        start, stop = _longest_finite(line)
+        ridges, folds = np.empty(0), np.empty(0)
+        if stop - start >= _MIN_SAMPLES:
+            ridges, folds = _line_folds(
+                _detail(line[start:stop], window), min_prominence, relative_prominence
+            )
+        positions.append((start + ridges) * spacing)
+        amplitudes.append(folds)
+    counts = np.array([len(ridges) for ridges in positions])
+    gaps = np.concatenate([np.diff(ridges) for ridges in positions])
+    folds = np.concatenate(amplitudes)
+    return WrinkleMetrics(
+        count=int(np.floor(np.median(counts) + 0.5)),
+        wavelength=float(gaps.mean()) if len(gaps) else float("nan"),
+        amplitude=float(folds.mean()) if len(folds) else 0.0,
+        positions=positions,
+        heights=amplitudes,
+        counts=counts,
+    )
+
+
+def detail(heights: ArrayLike, spacing: float, *, shape_wavelength: float | None = None) -> Floats:
+    """Return heights less the shape that `wrinkles` removes, same arguments, same form.
+
+    Of a line with NaN only the longest finite stretch is kept, the rest is NaN.
+    """
+    patch, window = _checked_lines(heights, spacing, shape_wavelength)
+    result = np.full(patch.shape, np.nan)
+    for line, kept in zip(patch, result, strict=True):
+        start, stop = _longest_finite(line)
+        if stop - start >= _MIN_SAMPLES:
+            kept[start:stop] = _detail(line[start:stop], window)
+    return result.reshape(np.shape(heights))
+
+
+def height_map(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    spacing: float,
+    *,
+    direction: ArrayLike = (0.0, 0.0, 1.0),
+    up: ArrayLike = (0.0, 1.0, 0.0),
+) -> HeightMap:
+    """Sample the heights of a surface on a square grid seen along a direction.
+
+    Args:
+        vertices: (nv, 3) m.
+        faces: (nf, 3) int.
+        spacing: m between samples.
+        direction: From the surface to the viewer; heights are along it, the highest counts.
+        up: Direction of the columns; rows run along ``up x direction``.
+
+    Raises:
+        InputError: no faces, a spacing that is not positive or gives over 10^8 samples, or
+            ``up`` parallel to ``direction``.
+    """
+    points, triangles = _checked_surface(vertices, faces)
+    axes = view_axes(direction, up)
+    seen = points @ axes.T
+    used = seen[np.unique(triangles)]
+    low = used[:, :2].min(axis=0)
+    span = used[:, :2].max(axis=0) - low
+    if not (np.isfinite(spacing) and spacing > 0.0) or (span / spacing + 1).prod() > 1e8:
+        raise InputError(
+            f"height map: spacing {spacing!r} m over {span[0]:.4g} by {span[1]:.4g} m; "
+            "must be above 0 and give at most 10^8 samples"
+        )
+    columns, rows = (np.floor(span / spacing + 1e-9).astype(int) + 1).tolist()
+    seen[:, :2] = (seen[:, :2] - low) / spacing
+    raster = rasterise(seen, triangles, (rows, columns))
+    return HeightMap(raster.height, float(spacing), low, axes)
+
+
+def line_profile(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    start: ArrayLike,
+    end: ArrayLike,
+    spacing: float,
+    *,
+    direction: ArrayLike = (0.0, 0.0, 1.0),
+) -> tuple[Floats, Floats]:
+    """Return the highest points of a surface above a straight line.
+
+    Args:
+        vertices: (nv, 3) m.
+        faces: (nf, 3) int.
+        start: (3,) m, first point of the line; its height does not matter.
+        end: (3,) m, last point, not above ``start`` along ``direction``.
+        spacing: m between samples.
+        direction: Direction of the heights.
+
+    Returns:
+        distance along the line and height, (n,) m each; NaN where there is no surface.
+
+    Raises:
+        InputError: no faces, a line without length, a spacing that is not positive.
+
+    Exact: triangles are cut by the plane of the line and the heights.
+    """
+    points, triangles = _checked_surface(vertices, faces)
+    first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    upward = np.asarray(direction, dtype=np.float64)
+    upward = upward / np.linalg.norm(upward)
+    along = last - first - ((last - first) @ upward) * upward
+    length = float(np.linalg.norm(along))
+    if not length > 0.0 or not (np.isfinite(spacing) and 0.0 < spacing <= length):
+        raise InputError(
+            f"line profile: spacing {spacing!r} m on a line of {length:.4g} m; the line needs a "
+            "length across the direction and the spacing must be above 0 and below it"
+        )
+    along /= length
+    across = np.cross(upward, along)
+    local = (points - first) @ np.stack([along, across, upward]).T
+    n_samples = int(np.floor(length / spacing + 1e-9)) + 1
+    corners = local[triangles]
+    side = corners[..., 1] > 0.0
+    cut = corners[side.any(axis=1) & ~side.all(axis=1)]
+    side = cut[..., 1] > 0.0
+    # The corner that is alone on its side, then the two others.
+    alone = np.argmax(side == (side.sum(axis=1) == 1)[:, None], axis=1)
+    row = np.arange(len(cut))
+    tip = cut[row, alone]
+    ends = []
+    for turn in (1, 2):
+        other = cut[row, (alone + turn) % 3]
+        share = tip[:, 1] / (tip[:, 1] - other[:, 1])
+        ends.append((tip + share[:, None] * (other - tip))[:, [0, 2]])
+    swap = ends[0][:, 0] > ends[1][:, 0]
+    left = np.where(swap[:, None], ends[1], ends[0])
+    right = np.where(swap[:, None], ends[0], ends[1])
+    slack = 1e-9 * length
+    low = np.clip(np.ceil((left[:, 0] - slack) / spacing), 0, n_samples).astype(int)
+    high = np.clip(np.floor((right[:, 0] + slack) / spacing) + 1, 0, n_samples).astype(int)
+    count = np.maximum(high - low, 0)
+    segment = np.repeat(np.arange(len(cut)), count)
+    sample = np.arange(len(segment)) - np.repeat(np.cumsum(count) - count - low, count)
+    run = np.maximum(right[segment, 0] - left[segment, 0], 1e-300)
+    share = np.clip((sample * spacing - left[segment, 0]) / run, 0.0, 1.0)
+    height = left[segment, 1] + share * (right[segment, 1] - left[segment, 1])
+    heights = np.full(n_samples, -np.inf)
+    np.maximum.at(heights, sample, height + first @ upward)
+    heights[np.isneginf(heights)] = np.nan
+    distance: Floats = np.arange(n_samples) * float(spacing)
+    return distance, heights
+
+
+def _checked_lines(
+    heights: ArrayLike, spacing: float, shape_wavelength: float | None
+) -> tuple[Floats, float]:
+    """Heights as lines (lines, n), and the standard deviation of the window in samples."""
+    patch = np.asarray(heights, dtype=np.float64)
+    if patch.ndim not in (1, 2) or patch.shape[-1] < _MIN_SAMPLES:
+        raise InputError(
+            f"wrinkles: heights have shape {patch.shape}, need (n,) or (lines, n) with n of at "
+            f"least {_MIN_SAMPLES}"
+        )
+    for name, value in (("spacing", spacing), ("shape_wavelength", shape_wavelength)):
+        if value is not None and not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"wrinkles: {name} must be above 0, got {value!r}")
+    wavelength = shape_wavelength or min(
+        patch.shape[-1] * spacing * _SHAPE_SHARE, _SHAPE_WAVELENGTH
+    )
+    return np.atleast_2d(patch), _WINDOW * wavelength / spacing
+
+
+def _detail(line: Floats, window: float) -> Floats:
+    """Heights less shape of a finite line."""
+    level = line - line.mean()
+    result: Floats = level - _smoother(len(line), window) @ level
+    return result
+
+
+def _checked_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Floats, NDArray[np.integer]]:
+    points, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(faces)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise InputError(f"surface: vertices of shape {points.shape} must be (nv, 3) and finite")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
+        raise InputError(f"surface: faces have shape {triangles.shape}, need (nf, 3), nf above 0")
+    return points, triangles
+
+
+def _longest_finite(line: Floats) -> tuple[int, int]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.isfinite(line), [0]])))
+    if not len(edges):
+        return 0, 0
+    longest = int(np.argmax(edges[1::2] - edges[::2]))
+    return int(edges[2 * longest]), int(edges[2 * longest + 1])
+
+
+@lru_cache(maxsize=8)
+def _smoother(n: int, window: float) -> Floats:
+    """The (n, n) matrix of the local fit under a Gaussian of that standard deviation."""
+    t = (np.arange(n) - np.arange(n)[:, None]) / window
+    weight = np.exp(-0.5 * t**2)
+    moments = np.stack([(weight * t**power).sum(axis=1) for power in range(2 * _DEGREE + 1)])
+    gram = np.stack([moments[power : power + _DEGREE + 1] for power in range(_DEGREE + 1)])
+    at_zero = np.zeros((n, _DEGREE + 1, 1))
+    at_zero[:, 0] = 1.0
+    fit = np.linalg.solve(gram.transpose(2, 0, 1), at_zero)[..., 0]
+    # Horner's rule over the powers of t.
+    polynomial = np.zeros_like(t)
+    for power in range(_DEGREE, -1, -1):
+        polynomial = polynomial * t + fit[:, power, None]
+    return weight * polynomial
+
+
+def _line_folds(
+    level: Floats, min_prominence: float, relative_prominence: float
+) -> tuple[Floats, Floats]:
+    """Ridge positions in samples and fold heights of a line less its shape."""
+    # Ridges by runs of equal values, so that a flat top counts once, at its middle.
+    starts = np.flatnonzero(np.concatenate([[True], level[1:] != level[:-1]]))
+    stops = np.append(starts[1:], len(level))
+    value = level[starts]
+    rise = np.diff(value)
+    runs = np.flatnonzero((rise[:-1] > 0.0) & (rise[1:] < 0.0)) + 1
+    ridges = (starts[runs] + stops[runs] - 1) // 2
+    prominence = np.array([_prominence(level, ridge) for ridge in ridges])
+    if not len(ridges):
+        return np.empty(0), np.empty(0)
+    ridges = ridges[prominence >= max(min_prominence, relative_prominence * prominence.max())]
+    if not len(ridges):
+        return np.empty(0), np.empty(0)
+    reach = int(np.ceil(np.diff(ridges).mean())) if len(ridges) > 1 else len(level)
+    last = len(level) - 1
+    bounds = [max(0, ridges[0] - reach), *ridges, min(last, ridges[-1] + reach)]
+    valleys = np.array([a + int(np.argmin(level[a : b + 1])) for a, b in pairwise(bounds)])
+    left, right = valleys[:-1], valleys[1:]
+    kept = (left > 0) | (right < last)
+    ridges, left, right = ridges[kept], left[kept], right[kept]
+    # The end of a line cuts through a slope: it is no valley, and the other one serves alone.
+    left, right = np.where(left > 0, left, right), np.where(right < last, right, left)
+    share = np.where(left < right, (ridges - left) / np.maximum(right - left, 1), 0.0)
+    chord = level[left] + share * (level[right] - level[left])
+    before, top, after = level[ridges - 1], level[ridges], level[ridges + 1]
+    bend = before - 2.0 * top + after
+    offset = np.divide(0.5 * (before - after), bend, out=np.zeros(len(bend)), where=bend < 0.0)
+    return ridges + offset, top - chord
+
+
+def _prominence(level: Floats, ridge: int) -> float:
+    higher = np.flatnonzero(level > level[ridge])
+    place = int(np.searchsorted(higher, ridge))
+    left = int(higher[place - 1]) if place > 0 else 0
+    right = int(higher[place]) if place < len(higher) else len(level) - 1
+    base = max(level[left : ridge + 1].min(), level[ridge : right + 1].min())
+    return float(level[ridge] - base)

@@ -1,0 +1,442 @@
+"""The voxel model: what the solver simulates, as plain NumPy arrays.
+
+A model is a set of occupied cells of a regular grid. Elements are those cells in the order given;
+nodes are the corners of occupied cells, numbered with x fastest, then y, then z. Each element
+holds the fractions of the tissues in it; muscles, held nodes and bound surfaces refer to elements
+and nodes by index.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tledface._model_checks import (
+    Floats,
+    Mask,
+    checked_cells,
+    checked_fibre,
+    checked_fractions,
+    checked_section,
+    checked_tissues,
+    checked_weight,
+    show,
+    vector,
+)
+from tledface.constitutive import Material
+from tledface.errors import InputError
+from tledface.muscle import Muscle
+from tledface.surface import HEX_CORNERS, BoundSurface, boundary_surface
+
+__all__ = ["Model", "Where"]
+
+Where = NDArray[np.bool_] | Callable[[Floats], NDArray[np.bool_]]
+
+
+class Model:
+    """A voxel model. Make one with `Model.block`, `Model.from_voxels`, a scene, or `Model.load`.
+
+    Attributes:
+        voxel: (3,) float64, m, edge lengths of a cell.
+        origin: (3,) float64, m, low corner of cell (0, 0, 0).
+        cells: (n_elem, 3) int32, grid index of each element.
+        elements: (n_elem, 8) int32, node indices in VTK hexahedron order.
+        node_ijk: (n_nodes, 3) int32, grid index of each node.
+        nodes: (n_nodes, 3) float64, m, reference positions.
+        tissues: names of the tissues.
+        tissue_materials: the material of each tissue.
+        fractions: (n_elem, n_tissues) float64, rows sum to 1.
+        section_ratio: (n_elem,) bending over mean modulus of a layered voxel, or None (blended).
+        layer_normal: (n_elem, 3) unit normal of the layers in a voxel, or None.
+        fixed: (n_nodes, 3) bool, components held at zero displacement.
+        muscles: the muscles, in the order they were added.
+        report: what the build of a scene found and left out; empty for other models, not saved.
+    """
+
+    def __init__(
+        self,
+        voxel: ArrayLike,
+        origin: ArrayLike,
+        cells: ArrayLike,
+        tissues: Sequence[str],
+        tissue_materials: Sequence[Material],
+        fractions: ArrayLike,
+        *,
+        section_ratio: ArrayLike | None = None,
+        layer_normal: ArrayLike | None = None,
+        surfaces: Mapping[str, BoundSurface] | None = None,
+    ) -> None:
+        """Check and hold the arrays; see `from_voxels` for the arguments."""
+        self.voxel = vector("voxel", voxel)
+        if not (self.voxel > 0.0).all():
+            raise InputError(f"voxel: got {show(self.voxel)} m, every edge must be above 0")
+        self.origin = vector("origin", origin)
+        self.cells = checked_cells(cells)
+        self.node_ijk, self.elements = _number_nodes(self.cells)
+        self.nodes: Floats = self.origin + self.node_ijk * self.voxel
+        self.tissues = checked_tissues(tissues, tissue_materials)
+        self.tissue_materials = list(tissue_materials)
+        self.fractions = checked_fractions(fractions, len(self.cells), self.tissues)
+        self.section_ratio: Floats | None
+        self.layer_normal: Floats | None
+        self.section_ratio, self.layer_normal = checked_section(
+            section_ratio, layer_normal, len(self.cells)
+        )
+        self.fixed: Mask = np.zeros((len(self.nodes), 3), dtype=bool)
+        self.muscles: list[Muscle] = []
+        self.report: dict[str, Any] = {}
+        self._gravity = np.zeros(3)
+        self._surfaces: dict[str, BoundSurface] | None = (
+            None if surfaces is None else dict(surfaces)
+        )
+
+    @classmethod
+    def block(
+        cls,
+        cells: tuple[int, int, int],
+        size: tuple[float, float, float],
+        material: Material,
+        *,
+        tissue: str = "tissue",
+    ) -> Model:
+        """Return a structured block of one material with its low corner at the origin.
+
+        Args:
+            cells: Number of elements along x, y, z, each at least 1.
+            size: Edge lengths of the block, m.
+            material: Material of every element.
+            tissue: Name of that tissue.
+
+        Elements are numbered with x fastest, then y, then z.
+
+        Raises:
+            InputError: a count below 1 or not whole, a size that is not positive and finite.
+        """
+        counts = np.asarray(cells)
+        if counts.shape != (3,) or counts.dtype.kind not in "iu" or (counts < 1).any():
+            raise InputError(f"block cells: got {cells!r}, need three whole numbers of at least 1")
+        edges = vector("block size", size)
+        if not (edges > 0.0).all():
+            raise InputError(f"block size: got {show(edges)} m, every edge must be above 0")
+        nx, ny, nz = (int(n) for n in counts)
+        grid = np.empty((nz, ny, nx, 3), dtype=np.int32)
+        grid[..., 0] = np.arange(nx)
+        grid[..., 1] = np.arange(ny)[:, None]
+        grid[..., 2] = np.arange(nz)[:, None, None]
+        return cls(
+            edges / counts,
+            np.zeros(3),
+            grid.reshape(-1, 3),
+            [tissue],
+            [material],
+            np.ones((nx * ny * nz, 1)),
+        )
+
+    @classmethod
+    def from_voxels(
+        cls,
+        voxel: ArrayLike,
+        origin: ArrayLike,
+        cells: ArrayLike,
+        tissues: Sequence[str],
+        tissue_materials: Sequence[Material],
+        fractions: ArrayLike,
+        *,
+        section_ratio: ArrayLike | None = None,
+        layer_normal: ArrayLike | None = None,
+        surfaces: Mapping[str, BoundSurface] | None = None,
+    ) -> Model:
+        """Return a model of the given cells.
+
+        Args:
+            voxel: (3,) m, edge lengths of a cell.
+            origin: (3,) m, low corner of cell (0, 0, 0).
+            cells: (n_elem, 3) int, distinct grid indices of at least 0; their order is kept.
+            tissues: Distinct tissue names.
+            tissue_materials: One material per tissue.
+            fractions: (n_elem, n_tissues), 0 to 1, rows summing to 1.
+            section_ratio: (n_elem,) bending over mean modulus of a layered voxel; needs
+                ``layer_normal``. None: voxels bend with their mean modulus.
+            layer_normal: (n_elem, 3) unit normal of the layers.
+            surfaces: Bound surfaces by name; None gives the boundary of the voxels as "surface".
+
+        Raises:
+            InputError: any of the above does not hold; the message names the array and element.
+        """
+        return cls(
+            voxel,
+            origin,
+            cells,
+            tissues,
+            tissue_materials,
+            fractions,
+            section_ratio=section_ratio,
+            layer_normal=layer_normal,
+            surfaces=surfaces,
+        )
+
+    def __repr__(self) -> str:
+        """Return a one-line summary."""
+        return (
+            f"<tledface.Model {self.n_elements} elements, {self.n_nodes} nodes, "
+            f"tissues {self.tissues}, muscles {[m.name for m in self.muscles]}>"
+        )
+
+    @property
+    def n_elements(self) -> int:
+        """Number of elements."""
+        return len(self.cells)
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.nodes)
+
+    @property
+    def centres(self) -> Floats:
+        """Element centres, (n_elem, 3) m, reference."""
+        return self.origin + (self.cells + 0.5) * self.voxel
+
+    @property
+    def gravity(self) -> Floats:
+        """Acceleration of gravity, (3,) m/s2."""
+        return self._gravity
+
+    @gravity.setter
+    def gravity(self, value: ArrayLike) -> None:
+        self._gravity = vector("gravity", value)
+
+    @property
+    def surfaces(self) -> dict[str, BoundSurface]:
+        """Bound surfaces by name; "surface" is the voxels' own boundary if none was bound."""
+        if self._surfaces is None:
+            self._surfaces = {"surface": boundary_surface(self)}
+        return self._surfaces
+
+    def set_material(self, where: Where, material: Material, *, name: str | None = None) -> None:
+        """Fill elements with one material.
+
+        Args:
+            where: (n_elem,) bool, or a function of the centres (n_elem, 3) that returns it.
+            material: The new material.
+            name: Tissue name. A name that no other element uses takes the new material; without
+                a name the tissue that has this material is used, or a new one is added.
+
+        Raises:
+            InputError: ``where`` is no such mask or selects nothing, or other elements use the
+                tissue ``name`` with another material.
+        """
+        mask = self._select(where, self.centres, "set_material: where", "element")
+        if name is not None and (not isinstance(name, str) or not name.strip()):
+            raise InputError(f"set_material: name must be a non-empty text, got {name!r}")
+        if name is None:
+            same = [t for t, m in enumerate(self.tissue_materials) if m == material]
+            column = same[0] if same else len(self.tissues)
+            name = self.tissues[column] if same else self._unused_tissue_name()
+        elif name in self.tissues:
+            column = self.tissues.index(name)
+            if material != self.tissue_materials[column]:
+                if self.fractions[~mask, column].any():
+                    raise InputError(
+                        f"set_material: tissue {name!r} already has another material in "
+                        f"{np.count_nonzero(self.fractions[~mask, column])} other elements; "
+                        "choose another name"
+                    )
+                self.tissue_materials[column] = material
+        else:
+            column = len(self.tissues)
+        if column == len(self.tissues):
+            self.tissues.append(name)
+            self.tissue_materials.append(material)
+            self.fractions = np.hstack([self.fractions, np.zeros((self.n_elements, 1))])
+        self.fractions[mask] = 0.0
+        self.fractions[mask, column] = 1.0
+        if self.section_ratio is not None:
+            self.section_ratio[mask] = 1.0
+
+    def add_muscle(
+        self,
+        name: str,
+        where: Where,
+        fibre: ArrayLike,
+        *,
+        sigma_act: float,
+        sigma_pas: float | None = None,
+        lambda_opt: float = 1.0,
+        lambda_pas: float = 1.2,
+        weight: ArrayLike = 1.0,
+    ) -> Muscle:
+        """Add a muscle to some elements; several muscles may share an element.
+
+        Args:
+            name: Distinct name, used to activate the muscle.
+            where: (n_elem,) bool, or a function of the centres (n_elem, 3) that returns it.
+            fibre: (3,), (m, 3) for the m selected elements, or (n_elem, 3); any length above 0.
+            sigma_act: Reference stress of the active tension, Pa, at least 0.
+            sigma_pas: Reference stress of the passive tension, Pa; None: ``sigma_act``.
+            lambda_opt: Stretch of the greatest active tension, above 0.
+            lambda_pas: Stretch where the passive tension becomes linear, at least 1.
+            weight: Overlap fraction, 0 to 1: a number, (m,) or (n_elem,).
+
+        Returns:
+            The muscle, also the last of ``muscles``.
+
+        Raises:
+            InputError: any of the above does not hold, or ``where`` selects nothing.
+        """
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(f"muscle: name must be a non-empty text, got {name!r}")
+        if any(muscle.name == name for muscle in self.muscles):
+            raise InputError(f"muscle {name!r}: the model has one already; choose another name")
+        mask = self._select(where, self.centres, f"muscle {name!r}: where", "element")
+        sigma_pas = sigma_act if sigma_pas is None else sigma_pas
+        for key, value, low in (
+            ("sigma_act", sigma_act, 0.0),
+            ("sigma_pas", sigma_pas, 0.0),
+            ("lambda_opt", lambda_opt, np.nextafter(0.0, 1.0)),
+            ("lambda_pas", lambda_pas, 1.0),
+        ):
+            if not isinstance(value, Real) or not low <= float(value) < np.inf:
+                limit = "above 0" if key == "lambda_opt" else f"at least {low:g}"
+                raise InputError(f"muscle {name!r}: {key} must be {limit}, got {value!r}")
+        muscle = Muscle(
+            name=name,
+            elements=np.flatnonzero(mask),
+            fibre=checked_fibre(name, fibre, mask),
+            weight=checked_weight(name, weight, mask),
+            sigma_act=float(sigma_act),
+            sigma_pas=float(sigma_pas),
+            lambda_opt=float(lambda_opt),
+            lambda_pas=float(lambda_pas),
+        )
+        self.muscles.append(muscle)
+        return muscle
+
+    def fix(self, where: Where, components: str = "xyz") -> None:
+        """Hold nodes at zero displacement; repeated calls add up.
+
+        Args:
+            where: (n_nodes,) bool, or a function of the nodes (n_nodes, 3) that returns it.
+            components: Which components to hold, letters of "xyz".
+
+        Raises:
+            InputError: ``where`` is no such mask or selects nothing, or an unknown component.
+        """
+        if not isinstance(components, str) or not components or set(components) - set("xyz"):
+            raise InputError(f"fix: components must be letters of 'xyz', got {components!r}")
+        mask = self._select(where, self.nodes, "fix: where", "node")
+        for component in set(components):
+            self.fixed[mask, "xyz".index(component)] = True
+
+    def element_parameters(self) -> dict[str, Floats]:
+        """Return the overlap-averaged parameters that the solver takes.
+
+        Returns:
+            ``mu``, ``bulk``, ``bulk_log`` and ``bulk_quadratic`` (the share of ``bulk`` in each
+            volumetric form), ``youngs_modulus`` (all Pa), ``poissons_ratio``, ``density``
+            (kg/m3), each (n_elem,); ``bending_modulus`` (n_elem, 3) Pa, for bending that
+            stretches along x, y, z.
+
+        Moduli and density are means weighted by the tissue fractions; Young's modulus and
+        Poisson's ratio follow from the mean mu and bulk. A layered voxel bends with the modulus
+        of its section about its own neutral axis, ``E (1 - n_a^2 (1 - section_ratio))`` along
+        axis ``a`` of the layer normal ``n``.
+        """
+        materials = self.tissue_materials
+
+        def mean(values: Sequence[float]) -> Floats:
+            return self.fractions @ np.asarray(values, dtype=np.float64)
+
+        mu = mean([m.mu for m in materials])
+        log = mean([m.bulk if m.volumetric == "log" else 0.0 for m in materials])
+        quadratic = mean([m.bulk if m.volumetric == "quadratic" else 0.0 for m in materials])
+        bulk = log + quadratic
+        youngs_modulus = 9.0 * bulk * mu / (3.0 * bulk + mu)
+        bending = np.repeat(youngs_modulus[:, None], 3, axis=1)
+        if self.section_ratio is not None and self.layer_normal is not None:
+            bending *= 1.0 - self.layer_normal**2 * (1.0 - self.section_ratio[:, None])
+        return {
+            "mu": mu,
+            "bulk": bulk,
+            "bulk_log": log,
+            "bulk_quadratic": quadratic,
+            "youngs_modulus": youngs_modulus,
+            "poissons_ratio": (3.0 * bulk - 2.0 * mu) / (2.0 * (3.0 * bulk + mu)),
+            "density": mean([m.density for m in materials]),
+            "bending_modulus": bending,
+        }
+
+    def tissue_of(self, element: int) -> str:
+        """Return the name of the tissue with the largest fraction in an element."""
+        return self.tissues[int(np.argmax(self.fractions[element]))]
+
+    def save(self, path: str | Path) -> None:
+        """Write the model to an HDF5 file; see `tledface.io.model_file` for the layout."""
+        from tledface.io.model_file import save_model
+
+        save_model(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Model:
+        """Read a model written by `save`.
+
+        Raises:
+            InputError: no such file, not a tledface model, an unknown version, or damaged.
+        """
+        from tledface.io.model_file import load_model
+
+        return load_model(path)
+
+    def _select(self, where: Where, positions: Floats, what: str, unit: str) -> Mask:
+        mask = np.asarray(where(positions.copy()) if callable(where) else where)
+        if mask.dtype != np.bool_ or mask.shape != (len(positions),):
+            raise InputError(
+                f"{what} must be ({len(positions)},) bool, one per {unit}, "
+                f"got {mask.shape} {mask.dtype}"
+            )
+        if not mask.any():
+            low, high = positions.min(axis=0), positions.max(axis=0)
+            raise InputError(
+                f"{what} selects none of the {len(positions)} {unit}s; their positions span "
+                f"{show(low)} to {show(high)} m"
+            )
+        return mask
+
+    def _unused_tissue_name(self) -> str:
+        number = len(self.tissues) + 1
+        while f"tissue_{number}" in self.tissues:
+            number += 1
+        return f"tissue_{number}"
+
+
+def _number_nodes(
+    cells: NDArray[np.int32],
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Number the corners of the cells by (k, j, i); return node_ijk and elements."""
+    extent = cells.max(axis=0).astype(np.int64) + 2
+    stride = np.array([1, extent[0], extent[0] * extent[1]])
+    key = cells @ stride
+    unique = np.sort(key)
+    repeated = np.flatnonzero(unique[1:] == unique[:-1])
+    if len(repeated):
+        element = int(np.flatnonzero(key == unique[repeated[0]])[1])
+        raise InputError(
+            f"cells: cell {tuple(cells[element].tolist())} is given twice, again as element "
+            f"{element}; cells must be distinct"
+        )
+    for axis_stride in stride:
+        both = np.sort(np.concatenate([unique, unique + axis_stride]))
+        unique = both[np.concatenate([[True], both[1:] != both[:-1]])]
+    elements = np.empty((len(cells), 8), dtype=np.int32)
+    for corner, offset in enumerate(HEX_CORNERS @ stride):
+        elements[:, corner] = np.searchsorted(unique, key + offset)
+    node_ijk = np.empty((len(unique), 3), dtype=np.int32)
+    node_ijk[:, 0] = unique % extent[0]
+    node_ijk[:, 1] = unique // extent[0] % extent[1]
+    node_ijk[:, 2] = unique // stride[2]
+    return node_ijk, elements

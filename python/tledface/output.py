@@ -1,0 +1,75 @@
+"""The folder of a run: made when the run starts, never mixed with other files.
+
+``run.json`` in it says that it is one, what the run was and which files it wrote.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from tledface.errors import InputError
+from tledface.io._atomic import atomic_path
+
+__all__ = ["RUN_FILE", "OutputFolder"]
+
+RUN_FILE = "run.json"
+
+
+class OutputFolder:
+    """A run's folder.
+
+    Making one only checks ``path``: it must be absent, empty, or (with ``force``) the folder of an
+    earlier run, whose files are then replaced. Raises InputError otherwise.
+    """
+
+    def __init__(self, path: str | Path, *, force: bool = False) -> None:
+        """Check the folder; nothing is written."""
+        self.path = Path(path)
+        self._earlier = earlier_run(self.path)
+        if self.path.exists() and not self.path.is_dir():
+            raise InputError(f"output {self.path}: is a file; give a folder that is new or empty")
+        if self.path.is_dir() and any(self.path.iterdir()):
+            if self._earlier is None:
+                raise InputError(
+                    f"output {self.path}: holds files that are no tledface run; give a folder "
+                    "that is new or empty"
+                )
+            if not force:
+                raise InputError(
+                    f"output {self.path}: holds an earlier run; --force replaces it, or give "
+                    "another folder"
+                )
+        nearest = next(parent for parent in [self.path, *self.path.parents] if parent.exists())
+        if not os.access(nearest, os.W_OK):
+            raise InputError(f"output {self.path}: {nearest} is not writable; give another folder")
+
+    def begin(self, about: dict[str, Any]) -> None:
+        """Make the folder, remove an earlier run's files, and mark it as a run in progress."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        for name in (self._earlier or {}).get("files", []):
+            file = self.path / str(name)
+            if file.parent == self.path:
+                file.unlink(missing_ok=True)
+        self._earlier = None
+        self.write({**about, "state": "running", "files": []})
+
+    def write(self, about: dict[str, Any]) -> None:
+        """Write ``run.json``: what the run is, its state and its files (names in the folder)."""
+        with atomic_path(self.path / RUN_FILE, "output") as part:
+            part.write_text(
+                json.dumps({"tledface": version("tledface"), **about}, indent=2) + "\n",
+                encoding="utf-8",
+            )
+
+
+def earlier_run(path: Path) -> dict[str, Any] | None:
+    """What ``run.json`` says in a run's folder; None if it is not one."""
+    try:
+        about = json.loads((path / RUN_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return about if isinstance(about, dict) and "tledface" in about else None

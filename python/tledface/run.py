@@ -1,0 +1,306 @@
+"""A run of a scene from start to end: model, simulation, frames, surface, picture, figures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tledface import device as device_module
+from tledface.errors import InputError, SimulationError
+from tledface.io.surfaces import write_surface
+from tledface.io.vtkhdf import VTKHDFWriter
+from tledface.output import OutputFolder
+from tledface.progress import ProgressBar, spinner
+
+if TYPE_CHECKING:
+    from tledface.folds import Folds
+    from tledface.model import Model
+    from tledface.scene import Scene
+    from tledface.simulator import Simulator
+
+__all__ = ["RunResult", "load_run", "run_scene", "save_built", "simulator_of"]
+
+_PROGRESS_TICKS = 100
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run did and where its files are (``files``: role to path).
+
+    ``dt`` is the mean time step, ``dt_crit`` its bound at rest, ``simulated`` and ``wall`` are in
+    s, ``max_displacement`` in m.
+    """
+
+    directory: Path
+    files: dict[str, Path]
+    device: str
+    precision: str
+    n_elements: int
+    n_nodes: int
+    steps: int
+    dt: float
+    dt_crit: float
+    simulated: float
+    wall: float
+    frames: int
+    max_displacement: float
+    folds: Folds | None
+
+    @property
+    def melem_steps_per_s(self) -> float:
+        """Millions of element steps for each second of the simulation, writing included."""
+        return self.n_elements * self.steps / max(self.wall, 1e-9) * 1e-6
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, SI units."""
+        return {
+            "directory": str(self.directory),
+            "files": {role: str(path) for role, path in self.files.items()},
+            "device": self.device,
+            "precision": self.precision,
+            "elements": self.n_elements,
+            "nodes": self.n_nodes,
+            "steps": self.steps,
+            "dt_s": self.dt,
+            "dt_crit_s": self.dt_crit,
+            "simulated_s": self.simulated,
+            "wall_s": self.wall,
+            "melem_steps_per_s": self.melem_steps_per_s,
+            "frames": self.frames,
+            "max_displacement_m": self.max_displacement,
+            "wrinkles": None if self.folds is None else self.folds.to_dict(),
+        }
+
+    def text(self) -> str:
+        """A few lines for a person."""
+        lines = [
+            f"{self.n_elements:,} elements, {self.steps:,} steps of {self.dt * 1e6:.3g} us "
+            f"(bound at rest {self.dt_crit * 1e6:.3g} us) on {self.device}: {self.wall:.1f} s, "
+            f"{self.melem_steps_per_s:.0f} M element-steps/s",
+            f"largest displacement {self.max_displacement * 1e3:.2f} mm",
+        ]
+        if self.folds is not None:
+            lines.append(self.folds.text())
+        width = max(len(role) for role in self.files)
+        lines += [f"{role:<{width}}  {path}" for role, path in self.files.items()]
+        return "\n".join(lines)
+
+
+def run_scene(
+    scene: Scene,
+    out_dir: str | Path,
+    *,
+    device: Any = "auto",
+    quiet: bool = False,
+    force: bool = False,
+    model: Model | None = None,
+    about: Mapping[str, Any] | None = None,
+) -> RunResult:
+    """Simulate a scene and write its results into ``out_dir``.
+
+    The folder gets ``frames.vtkhdf`` (the voxels over time), ``frames_surface.vtkhdf`` (the skin
+    over time), ``skin.ply`` (the skin at the end, m), ``wrinkles.png`` and ``run.json``. Nothing
+    is written before model and simulator stand. A run that fails midway keeps its frames.
+
+    Arguments: ``device`` as for ``Simulator``; ``force`` replaces an earlier run in ``out_dir``;
+    ``model``, the scene's model where it is built already; ``about``, more for ``run.json``.
+    Raises InputError (scene, surfaces, device, folder) and SimulationError (a state that is not
+    finite).
+    """
+    folder = OutputFolder(out_dir, force=force)
+    opened = device_module.resolve(device)
+    if model is None:
+        with spinner("building the model", quiet=quiet):
+            model = scene.build()
+    with spinner("preparing the simulation", quiet=quiet):
+        sim = simulator_of(scene, model, opened)
+    facts: dict[str, Any] = {**(about or {}), "scene": str(scene.path) if scene.path else None}
+    folder.begin(facts)
+    try:
+        result = _simulate(scene, model, sim, folder.path, opened.info.name, quiet=quiet)
+    except BaseException as error:
+        state = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+        line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        kept = sorted(path.name for path in folder.path.glob("frames*.vtkhdf"))
+        folder.write({**facts, "state": state, "error": line, "files": kept})
+        if isinstance(error, SimulationError) and kept:
+            raise SimulationError(f"{line}; the frames until then are in {folder.path}") from error
+        raise
+    names = [path.name for path in result.files.values()]
+    folder.write({**facts, "state": "finished", "files": names, "result": result.to_dict()})
+    return result
+
+
+def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
+    """A simulator with the scene's solver settings and muscle activations."""
+    from tledface.simulator import Simulator
+
+    solver = scene.solver
+    more: dict[str, Any] = {}
+    if solver.hourglass_kappa is not None:
+        more["hourglass_kappa"] = solver.hourglass_kappa
+    try:
+        sim = Simulator(
+            model,
+            device=device,
+            precision=solver.precision,
+            damping=solver.damping,
+            hourglass=solver.hourglass,
+            dt=solver.dt,
+            mass_scaling=solver.mass_scaling,
+            **more,
+        )
+    except InputError as error:
+        raise InputError(f"{scene.path or 'scene'}: solver: {error}") from None
+    for muscle in scene.muscles:
+        sim.activate(muscle.name, muscle.activation)
+    return sim
+
+
+def save_built(scene: Scene, model: Model, path: str | Path) -> None:
+    """Save a model together with the scene it came from, so that ``load_run`` can run it."""
+    import json
+
+    import h5py
+
+    from tledface.io._atomic import atomic_path
+
+    with atomic_path(Path(path), "model file") as part:
+        model.save(part)
+        with h5py.File(part, "a") as file:
+            file["scene"] = json.dumps(scene.source)
+
+
+def load_run(path: str | Path) -> tuple[Scene, Model]:
+    """A model file's model and the scene it was built from.
+
+    Raises InputError: not a model file, or one that holds no scene (saved from Python).
+    """
+    import json
+
+    import h5py
+
+    from tledface.model import Model
+    from tledface.scene import Scene
+
+    model = Model.load(path)
+    with h5py.File(path, "r") as file:
+        if "scene" not in file:
+            raise InputError(
+                f"model file {path}: holds no scene, so duration and activations are unknown; "
+                "run the scene file, or the model from Python with tledface.Simulator"
+            )
+        tables = json.loads(file["scene"].asstr()[()])
+    return Scene.from_dict(tables, check_files=False), model
+
+
+def _simulate(
+    scene: Scene, model: Model, sim: Simulator, folder: Path, device: str, *, quiet: bool
+) -> RunResult:
+    duration, fps = scene.solver.duration, scene.output.fps
+    surface = "skin" if "skin" in model.surfaces else next(iter(model.surfaces))
+    dt_crit = sim.dt_crit
+    started = time.perf_counter()
+    with (
+        VTKHDFWriter(folder / "frames.vtkhdf", model, surface=surface) as writer,
+        ProgressBar("simulating", duration, quiet=quiet) as bar,
+    ):
+        frames = _Frames(writer, fps)
+        frames.take(sim)
+
+        def on_tick(sim: Simulator) -> None:
+            bar.update(sim.time, f"t = {sim.time * 1e3:.2f} ms")
+            if frames.due(sim.time + 0.51 * sim.dt):
+                frames.take(sim)
+
+        # Ticks fall on every frame, and often enough between them for the bar to move.
+        ticks = fps * max(1, round(_PROGRESS_TICKS / (fps * duration)))
+        sim.run(until=duration, on_frame=on_tick, fps=ticks)
+        if frames.last_time < sim.time:
+            frames.take(sim)
+        bar.update(duration)
+    wall = time.perf_counter() - started
+    u = sim.u
+    folds = _folds(scene, model, surface, u)
+    return RunResult(
+        directory=folder,
+        files=_write_results(scene, model, surface, u, folds, folder),
+        device=device,
+        precision=scene.solver.precision,
+        n_elements=model.n_elements,
+        n_nodes=model.n_nodes,
+        steps=sim.n_steps,
+        dt=sim.time / sim.n_steps,
+        dt_crit=dt_crit,
+        simulated=sim.time,
+        wall=wall,
+        frames=frames.count,
+        max_displacement=float(np.sqrt((u**2).sum(axis=1).max())),
+        folds=folds,
+    )
+
+
+class _Frames:
+    """Frames at equal times, the first at the start."""
+
+    def __init__(self, writer: VTKHDFWriter, fps: float) -> None:
+        self._writer, self._fps = writer, fps
+        self.count = 0
+        self.last_time = -1.0
+
+    def due(self, now: float) -> bool:
+        return now >= self.count / self._fps
+
+    def take(self, sim: Simulator) -> None:
+        self._writer.append(sim.time, sim.u)
+        self.count += 1
+        self.last_time = sim.time
+
+
+def _write_results(
+    scene: Scene,
+    model: Model,
+    surface: str,
+    u: NDArray[np.float64],
+    folds: Folds | None,
+    folder: Path,
+) -> dict[str, Path]:
+    from tledface.picture import wrinkle_picture
+
+    bound = model.surfaces[surface]
+    moved = bound.displaced(u)
+    files = {
+        "frames": folder / "frames.vtkhdf",
+        "surface frames": folder / "frames_surface.vtkhdf",
+        "surface": folder / f"{surface}.ply",
+        "picture": folder / "wrinkles.png",
+    }
+    write_surface(files["surface"], moved, bound.faces)
+    view: dict[str, Any] = {}
+    if folds is not None:
+        view = {"profile": folds.line}
+        if scene.geometry.outer == "all":
+            # A body seen from straight before its muscle, head up.
+            level = abs(folds.up[2]) < 0.9
+            view |= {"view": folds.up, "up": (0.0, 0.0, 1.0) if level else (0.0, 1.0, 0.0)}
+        else:
+            view |= {"view": "oblique", "up": folds.up}
+    wrinkle_picture(files["picture"], bound.vertices, moved, bound.faces, **view)
+    return files
+
+
+def _folds(scene: Scene, model: Model, surface: str, u: NDArray[np.float64]) -> Folds | None:
+    from tledface.folds import measure_folds
+
+    levels = {
+        muscle.name: muscle.activation(scene.solver.duration) * muscle.sigma_act
+        for muscle in scene.muscles
+    }
+    outer = scene.geometry.outer
+    return measure_folds(model, surface, u, levels, None if isinstance(outer, str) else outer)

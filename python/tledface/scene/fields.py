@@ -1,0 +1,368 @@
+"""Types of the scene's fields: each reads what TOML gives, checks it and converts it to SI.
+
+A validator raises InputError without file or key; the loader puts both in front. The validation
+context has ``length`` (metres in a bare length), ``base`` (folder of relative paths) and
+``check_files``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
+
+from tledface import units
+from tledface.constitutive import Material, materials, parse_material
+from tledface.errors import InputError
+from tledface.schedule import Constant, Keyframes, Ramp
+
+__all__ = [
+    "Activation",
+    "Box",
+    "Components",
+    "Fibre",
+    "Gravity",
+    "Length",
+    "MaterialField",
+    "Name",
+    "Outer",
+    "Paths",
+    "Positive",
+    "Pressure",
+    "Rate",
+    "Scale",
+    "SurfacePath",
+    "Time",
+    "TimeStep",
+    "UnitFraction",
+    "Vector",
+    "VoxelSize",
+]
+
+JsonSchema = dict[str, Any]
+Vector = tuple[float, float, float]
+
+
+def _quantity_schema(kind: str, bare: str = "") -> JsonSchema:
+    known = units.KINDS[kind]
+    text = f'{known.phrase} with its unit, as "{known.example}"'
+    options: list[JsonSchema] = [{"type": "string", "description": text}]
+    if bare:
+        options.insert(0, {"type": "number", "description": bare})
+    return {"anyOf": options}
+
+
+def _bare_factor(kind: str, info: ValidationInfo) -> float | None:
+    if kind == "number":
+        return 1.0
+    return float((info.context or {}).get("length", 1.0)) if kind == "length" else None
+
+
+def _quantity(
+    kind: str, **bounds: float
+) -> tuple[Callable[[Any, ValidationInfo], float], JsonSchema]:
+    unit = units.KINDS[kind].si
+
+    def read(value: Any, info: ValidationInfo) -> float:
+        number = units.parse(value, kind, bare=_bare_factor(kind, info))
+        return units.bounded(number, **bounds, shown=value, unit=unit)
+
+    if kind == "number":
+        return read, {"type": "number"}
+    return read, _quantity_schema(kind, "in the scene's units" if kind == "length" else "")
+
+
+def _field(
+    pair: tuple[Callable[[Any, ValidationInfo], Any], JsonSchema],
+) -> tuple[PlainValidator, WithJsonSchema]:
+    return PlainValidator(pair[0]), WithJsonSchema(pair[1])
+
+
+def _list_of_three(value: Any, what: str) -> list[Any]:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise InputError(f"got {value!r}; allowed: {what}")
+    return list(value)
+
+
+def _read_point(value: Any, info: ValidationInfo) -> Vector:
+    x, y, z = (
+        units.parse(part, "length", bare=_bare_factor("length", info))
+        for part in _list_of_three(value, "three lengths, as [0, 0, 4.5]")
+    )
+    return x, y, z
+
+
+def _read_voxel(value: Any, info: ValidationInfo) -> Vector:
+    parts = value if isinstance(value, list) else [value] * 3
+    what = "a length greater than 0, or three of them, as 0.5 or [0.5, 0.5, 0.25]"
+    read, _ = _quantity("length", above=0.0)
+    x, y, z = (read(part, info) for part in _list_of_three(parts, what))
+    return x, y, z
+
+
+def _read_box(value: Any, info: ValidationInfo) -> tuple[Vector, Vector]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise InputError(
+            f"got {value!r}; allowed: a low and a high corner, as [[0, 0, 0], [60, 60, 4.5]]"
+        )
+    low, high = (_read_point(corner, info) for corner in value)
+    if any(first > second for first, second in zip(low, high, strict=True)):
+        raise InputError(f"got {value!r}; allowed: a low corner not above the high one")
+    return low, high
+
+
+def _read_outer(value: Any, info: ValidationInfo) -> str | list[tuple[Vector, Vector]]:
+    if value == "all":
+        return "all"
+    if not isinstance(value, list) or not value:
+        raise InputError(
+            f'got {value!r}; allowed: "all", or a list of boxes, as [[[0, 0, 4], [60, 60, 5]]]'
+        )
+    return [_read_box(box, info) for box in value]
+
+
+def _read_path(value: Any, info: ValidationInfo) -> Path:
+    if isinstance(value, Path):
+        value = str(value)
+    if not isinstance(value, str) or not value:
+        raise InputError(f'got {value!r}; allowed: the path of a surface file, as "skin.stl"')
+    context = info.context or {}
+    base = Path(context.get("base", "."))
+    path = base / Path(value).expanduser()
+    if context.get("check_files", True) and not path.is_file():
+        names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+        near = difflib.get_close_matches(path.name, names, n=1)
+        hint = f"; nearest there: {near[0]}" if near else ""
+        raise InputError(
+            f'file not found: "{path}"{hint}; give a path relative to the scene file, or absolute'
+        )
+    return path
+
+
+def _read_paths(value: Any, info: ValidationInfo) -> list[Path]:
+    if not isinstance(value, list):
+        raise InputError(f'got {value!r}; allowed: a list of surface files, as ["left.obj"]')
+    return [_read_path(item, info) for item in value]
+
+
+def _read_fibre(value: Any, info: ValidationInfo) -> Vector | str:
+    if value == "long-axis":
+        return "long-axis"
+    what = 'three numbers, as [0, 0, 1], or "long-axis"'
+    x, y, z = (units.parse(part, "number") for part in _list_of_three(value, what))
+    length = math.sqrt(x * x + y * y + z * z)
+    if length == 0.0:
+        raise InputError(f"got {value!r}, which has no direction; allowed: {what}")
+    return x / length, y / length, z / length
+
+
+def _read_gravity(value: Any, info: ValidationInfo) -> Vector:
+    what = 'three accelerations, as [0, 0, "-9.81 m/s^2"]'
+    x, y, z = (units.parse(part, "acceleration") for part in _list_of_three(value, what))
+    return x, y, z
+
+
+def _read_name(value: Any, info: ValidationInfo) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f"got {value!r}; allowed: a text that is not empty")
+    return value
+
+
+def _read_components(value: Any, info: ValidationInfo) -> str:
+    if not isinstance(value, str) or not value or set(value) - set("xyz"):
+        raise InputError(f'got {value!r}; allowed: letters of "xyz"')
+    return "".join(sorted(set(value)))
+
+
+def _read_time_step(value: Any, info: ValidationInfo) -> float | str:
+    if value == "auto":
+        return "auto"
+    if isinstance(value, str) and value.isalpha():
+        raise InputError(f'got {value!r}; allowed: "auto", or a time with its unit, as "2 us"')
+    return units.bounded(
+        units.parse(value, "time"), above=0.0, shown=value, unit=units.KINDS["time"].si
+    )
+
+
+def _read_material(value: Any, info: ValidationInfo) -> Material:
+    return value if isinstance(value, Material) else parse_material(value)
+
+
+def _read_activation(value: Any, info: ValidationInfo) -> Ramp | Keyframes | Constant:
+    what = (
+        'a number from 0 to 1, { ramp = [0.0, 0.75], over = "50 ms" }, or '
+        '{ keyframes = [["0 ms", 0.0], ["50 ms", 0.75]] }'
+    )
+    if isinstance(value, Ramp | Keyframes | Constant):
+        return value
+    if not isinstance(value, dict):
+        level = units.parse(value, "number")
+        return Constant(units.bounded(level, at_least=0.0, at_most=1.0, shown=value))
+    kinds: dict[str, Callable[[dict[str, Any], str], Ramp | Keyframes]] = {
+        "ramp": _ramp,
+        "keyframes": _keyframes,
+    }
+    for kind, read in kinds.items():
+        if kind in value:
+            return read(value, what)
+    raise InputError(f"got {value!r}; allowed: {what}")
+
+
+def _ramp(table: dict[str, Any], what: str) -> Ramp:
+    _known_keys(table, ["ramp", "over", "begin", "shape"])
+    levels = table["ramp"]
+    if not isinstance(levels, list) or len(levels) != 2 or "over" not in table:
+        raise InputError(f"got {table!r}; allowed: {what}")
+    start, end = (units.parse(level, "number", key="ramp") for level in levels)
+    over = units.parse(table["over"], "time", key="over")
+    begin = units.parse(table.get("begin", 0.0), "time", key="begin")
+    return Ramp(start, end, over, begin, table.get("shape", "linear"))
+
+
+def _keyframes(table: dict[str, Any], what: str) -> Keyframes:
+    _known_keys(table, ["keyframes"])
+    keys = table["keyframes"]
+    if not isinstance(keys, list) or not all(isinstance(k, list) and len(k) == 2 for k in keys):
+        raise InputError(f"got {table!r}; allowed: {what}")
+    times = tuple(units.parse(time, "time", key="keyframes") for time, _ in keys)
+    return Keyframes(times, tuple(units.parse(a, "number", key="keyframes") for _, a in keys))
+
+
+def _known_keys(table: dict[str, Any], known: list[str]) -> None:
+    for key in table:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
+            raise InputError(f"{key}: unknown key; nearest: {near}; allowed: {', '.join(known)}")
+
+
+def _vector_schema(items: JsonSchema) -> JsonSchema:
+    return {"type": "array", "items": items, "minItems": 3, "maxItems": 3}
+
+
+def _material_schema() -> JsonSchema:
+    laws: list[JsonSchema] = []
+    for law in materials().values():
+        keys: JsonSchema = {"model": {"const": law.name, "description": law.energy}}
+        for parameter in law.parameters:
+            bare = f"in {parameter.unit}" if parameter.bare else ""
+            numeric = parameter.kind == "number"
+            shape = {"type": "number"} if numeric else _quantity_schema(parameter.kind, bare)
+            meaning = f"{parameter.meaning}; {parameter.bounds} {parameter.unit}".rstrip()
+            keys[parameter.name] = {**shape, "description": meaning}
+        for option, choices in law.options.items():
+            keys[option] = {"enum": list(choices), "default": choices[0]}
+        needed = ["model", *(parameter.name for parameter in law.parameters)]
+        laws.append(
+            {
+                "type": "object",
+                "properties": keys,
+                "required": needed,
+                "additionalProperties": False,
+            }
+        )
+    return laws[0] if len(laws) == 1 else {"oneOf": laws}
+
+
+_LENGTH_SCHEMA = _quantity_schema("length", "in the scene's units")
+_POINT_SCHEMA = _vector_schema(_LENGTH_SCHEMA)
+_BOX_SCHEMA: JsonSchema = {
+    "type": "array",
+    "items": _POINT_SCHEMA,
+    "minItems": 2,
+    "maxItems": 2,
+    "description": "low and high corner",
+}
+_PATH_SCHEMA: JsonSchema = {"type": "string", "description": "path relative to the scene file"}
+_ACTIVATION_SCHEMA: JsonSchema = {
+    "anyOf": [
+        {"type": "number", "minimum": 0, "maximum": 1},
+        {
+            "type": "object",
+            "properties": {
+                "ramp": {
+                    "type": "array",
+                    "items": {"type": "number", "minimum": 0, "maximum": 1},
+                    "minItems": 2,
+                    "maxItems": 2,
+                },
+                "over": _quantity_schema("time"),
+                "begin": _quantity_schema("time"),
+                "shape": {"enum": ["linear", "cosine"], "default": "linear"},
+            },
+            "required": ["ramp", "over"],
+            "additionalProperties": False,
+        },
+        {
+            "type": "object",
+            "properties": {
+                "keyframes": {
+                    "type": "array",
+                    "items": {"type": "array", "minItems": 2, "maxItems": 2},
+                    "minItems": 1,
+                }
+            },
+            "required": ["keyframes"],
+            "additionalProperties": False,
+        },
+    ]
+}
+
+Length = Annotated[float, *_field(_quantity("length", above=0.0))]
+Pressure = Annotated[float, *_field(_quantity("pressure", at_least=0.0))]
+Time = Annotated[float, *_field(_quantity("time", above=0.0))]
+Rate = Annotated[float, *_field(_quantity("rate", at_least=0.0))]
+Positive = Annotated[float, *_field(_quantity("number", above=0.0))]
+Scale = Annotated[float, *_field(_quantity("number", at_least=1.0))]
+UnitFraction = Annotated[float, *_field(_quantity("number", above=0.0, at_most=1.0))]
+TimeStep = Annotated[
+    float | str,
+    PlainValidator(_read_time_step),
+    WithJsonSchema({"anyOf": [{"const": "auto"}, _quantity_schema("time")]}),
+]
+VoxelSize = Annotated[
+    Vector,
+    PlainValidator(_read_voxel),
+    WithJsonSchema({"anyOf": [*_LENGTH_SCHEMA["anyOf"], _POINT_SCHEMA]}),
+]
+Box = Annotated[tuple[Vector, Vector], PlainValidator(_read_box), WithJsonSchema(_BOX_SCHEMA)]
+Outer = Annotated[
+    str | list[tuple[Vector, Vector]],
+    PlainValidator(_read_outer),
+    WithJsonSchema({"anyOf": [{"const": "all"}, {"type": "array", "items": _BOX_SCHEMA}]}),
+]
+SurfacePath = Annotated[Path, PlainValidator(_read_path), WithJsonSchema(_PATH_SCHEMA)]
+Paths = Annotated[
+    list[Path],
+    PlainValidator(_read_paths),
+    WithJsonSchema({"type": "array", "items": _PATH_SCHEMA}),
+]
+Fibre = Annotated[
+    Vector | str,
+    PlainValidator(_read_fibre),
+    WithJsonSchema({"anyOf": [{"const": "long-axis"}, _vector_schema({"type": "number"})]}),
+]
+Gravity = Annotated[
+    Vector,
+    PlainValidator(_read_gravity),
+    WithJsonSchema(_vector_schema(_quantity_schema("acceleration", "0"))),
+]
+Components = Annotated[
+    str,
+    PlainValidator(_read_components),
+    WithJsonSchema({"type": "string", "pattern": "^[xyz]{1,3}$"}),
+]
+Name = Annotated[
+    str, PlainValidator(_read_name), WithJsonSchema({"type": "string", "minLength": 1})
+]
+MaterialField = Annotated[
+    Material, PlainValidator(_read_material), WithJsonSchema(_material_schema())
+]
+Activation = Annotated[
+    Ramp | Keyframes | Constant,
+    PlainValidator(_read_activation),
+    WithJsonSchema(_ACTIVATION_SCHEMA),
+]

@@ -1,0 +1,177 @@
+"""Loading a scene: TOML to checked tables, and any trouble to one line naming file and key."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import PrivateAttr, ValidationError
+
+from tledface import units
+from tledface.errors import InputError
+from tledface.scene.tables import SceneTables
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+    from tledface.model import Model
+
+__all__ = ["Scene"]
+
+
+class Scene(SceneTables):
+    """A checked scene, all values SI: what to build and how to run it.
+
+    Example: ``Scene.load("brow.toml").build()``.
+    """
+
+    _path: Path | None = PrivateAttr(default=None)
+    _source: dict[str, Any] = PrivateAttr(default_factory=dict)
+
+    @property
+    def path(self) -> Path | None:
+        """The file the scene came from; None for a dictionary."""
+        return self._path
+
+    @property
+    def source(self) -> dict[str, Any]:
+        """The tables as written, before conversion."""
+        return self._source
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scene:
+        """Read a TOML scene file.
+
+        Raises InputError with one line (file, key, what was got, what is allowed): no such file,
+        TOML syntax, unknown key, missing or bad value, missing unit, missing surface file.
+        """
+        path = Path(path)
+        try:
+            text = path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            raise InputError(
+                f"{path}: no such scene file; `tledface new {path.name}` writes one to start from"
+            ) from None
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: cannot be read as text ({error})") from None
+        try:
+            tables = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise InputError(f"{path}: TOML syntax: {error}") from None
+        scene = cls._checked(tables, path.parent, str(path), check_files=True)
+        scene._path = path
+        return scene
+
+    @classmethod
+    def from_dict(
+        cls, tables: Mapping[str, Any], base: str | Path = ".", *, check_files: bool = True
+    ) -> Scene:
+        """A scene from TOML-like tables; relative paths start at ``base``.
+
+        Surface files must exist unless ``check_files`` is False (a scene whose model is built
+        already). Raises InputError as ``load`` does.
+        """
+        return cls._checked(tables, Path(base), "scene", check_files=check_files)
+
+    @classmethod
+    def _checked(
+        cls, tables: Mapping[str, Any], base: Path, where: str, *, check_files: bool
+    ) -> Scene:
+        try:
+            length = units.unit_scale(tables["units"]) if "units" in tables else 1.0
+        except InputError as error:
+            raise InputError(f"{where}: units: {error}") from None
+        context = {"length": length, "base": base, "check_files": check_files}
+        try:
+            scene = cls.model_validate(dict(tables), context=context)
+        except ValidationError as error:
+            raise InputError(f"{where}: {_one_line(error, tables)}") from None
+        scene._source = json.loads(json.dumps(tables, default=str))
+        return scene
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """The JSON Schema of the scene file."""
+        schema = cls.model_json_schema(by_alias=True)
+        return {
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            **schema,
+            "title": "tledface scene",
+            "description": "A scene file of tledface, version 1 (written as TOML)",
+        }
+
+    def build(self) -> Model:
+        """Voxelise the surfaces into a model; raises InputError for unusable surfaces."""
+        from tledface.build import build_model
+
+        return build_model(self)
+
+
+def _one_line(error: ValidationError, tables: Mapping[str, Any]) -> str:
+    problems = error.errors(include_url=False)
+    # A misspelt key also shows up as a missing one: the misspelling is the one to name.
+    problems.sort(key=lambda problem: problem["type"] == "missing")
+    first = problems[0]
+    line = _message(first, tables)
+    path = _key_path(first["loc"])
+    if path and not line.startswith(f"{path}["):
+        joint = "." if line.partition(":")[0].isidentifier() else ": "
+        line = f"{path}{joint}{line}"
+    more = len(problems) - 1
+    return line + (f" (and {more} more problem{'s' if more > 1 else ''})" if more else "")
+
+
+def _key_path(location: tuple[int | str, ...]) -> str:
+    path = ""
+    for part in location:
+        path += f"[{part}]" if isinstance(part, int) else f".{part}" if path else part
+    return path
+
+
+def _message(problem: ErrorDetails, tables: Mapping[str, Any]) -> str:
+    cause = problem.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return str(cause) + _label(problem["loc"], tables)
+    if problem["type"] == "missing":
+        return f"key missing{_example(problem['loc'])}"
+    wanted = problem["msg"].replace("Input should be", "").strip().replace("'", '"')
+    shown = repr(problem["input"])
+    shown = shown if len(shown) <= 60 else shown[:57] + "..."
+    return f"got {shown}; allowed: {wanted}{_label(problem['loc'], tables)}"
+
+
+def _label(location: tuple[int | str, ...], tables: Mapping[str, Any]) -> str:
+    """The name of the layer or muscle in question, which is easier to find than its number."""
+    if len(location) < 2 or not isinstance(location[1], int):
+        return ""
+    try:
+        name = tables[str(location[0])][location[1]]["name"]
+    except (KeyError, IndexError, TypeError):
+        return ""
+    return f" (of {name!r})" if isinstance(name, str) else ""
+
+
+def _example(location: tuple[int | str, ...]) -> str:
+    model: Any = Scene
+    field = None
+    for part in location:
+        if isinstance(part, int):
+            continue
+        field = next(
+            (f for name, f in model.model_fields.items() if (f.alias or name) == part), None
+        )
+        if field is None:
+            return ""
+        inner = getattr(field.annotation, "__args__", (field.annotation,))[0]
+        model = inner if hasattr(inner, "model_fields") else model
+    if field is None or not field.examples:
+        return ""
+    example = field.examples[0]
+    literal = isinstance(example, str) and example[:1] not in "{["
+    shown = json.dumps(example) if literal or not isinstance(example, str) else example
+    if location[-1] in ("geometry", "solver"):
+        return f"; give a table [{location[-1]}]"
+    return f"; give it, as {shown if shown == '[[layers]]' else f'{location[-1]} = {shown}'}"

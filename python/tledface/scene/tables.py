@@ -1,0 +1,242 @@
+"""The scene's tables (pydantic models), one class a TOML table; all values are SI after load."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from tledface.errors import InputError
+from tledface.scene.fields import (
+    Activation,
+    Box,
+    Components,
+    Fibre,
+    Gravity,
+    Length,
+    MaterialField,
+    Name,
+    Outer,
+    Paths,
+    Positive,
+    Pressure,
+    Rate,
+    Scale,
+    SurfacePath,
+    Time,
+    TimeStep,
+    UnitFraction,
+    VoxelSize,
+)
+from tledface.schedule import Constant
+
+__all__ = [
+    "Boundary",
+    "FixedSpec",
+    "Geometry",
+    "Layer",
+    "MuscleSpec",
+    "Output",
+    "SceneTables",
+    "Solver",
+    "Table",
+]
+
+
+class Table(BaseModel):
+    """A TOML table: unknown keys are refused with the nearest known one."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, populate_by_name=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_keys(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            raise InputError(f"got {given!r}; allowed: a table")
+        known = [field.alias or name for name, field in cls.model_fields.items()]
+        for key in given:
+            if key not in known:
+                near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
+                raise InputError(
+                    f"{key}: unknown key; nearest: {near}; allowed: {', '.join(known)}"
+                )
+        return given
+
+
+class Geometry(Table):
+    """Closed surfaces in one frame and how they are sampled."""
+
+    skin: SurfacePath = Field(
+        description="the outer closed surface; tissue is inside it", examples=["skin.stl"]
+    )
+    bones: Paths = Field(default=[], description="closed surfaces that hold no tissue")
+    voxel: VoxelSize = Field(description="voxel size, one length or three", examples=[0.5])
+    samples: Annotated[int, Field(ge=1, le=16)] = Field(
+        default=4, description="samples along each voxel edge"
+    )
+    region: Box | None = Field(default=None, description="tissue is kept only in this box")
+    depth: Length | None = Field(
+        default=None, description="tissue is kept only nearer than this to the skin surface"
+    )
+    fill: UnitFraction = Field(
+        default=0.5, description="a voxel is kept if its tissue fraction is at least this"
+    )
+    outer: Outer = Field(
+        default="all",
+        description="skin faces that layers are measured from: all, or those with their centroid "
+        "in one of these boxes",
+    )
+    _unit_scale: float = PrivateAttr(default=1.0)
+
+    @property
+    def unit_scale(self) -> float:
+        """Metres in one unit of the surface files."""
+        return self._unit_scale
+
+    def model_post_init(self, context: Any) -> None:
+        """Take the unit of the surface files from the scene's ``units``."""
+        self._unit_scale = float((context or {}).get("length", 1.0))
+
+
+class Layer(Table):
+    """A skin layer; thickness None takes what is left inwards."""
+
+    name: Name = Field(examples=["dermis"])
+    thickness: Length | None = Field(
+        default=None, description="leave it out for the last layer, which takes the rest"
+    )
+    material: MaterialField = Field(examples=['{ model = "neo_hookean", ... }'])
+
+
+class MuscleSpec(Table):
+    """A muscle: its closed surfaces, fibre direction, strength and activation."""
+
+    name: Name = Field(examples=["frontalis"])
+    surfaces: Paths = Field(examples=[["frontalis_l.obj"]])
+    fibre: Fibre = Field(
+        description='fibre direction, or "long-axis" of each surface', examples=[[0, 0, 1]]
+    )
+    sigma_act: Pressure = Field(description="active stress at full activation", examples=["5 MPa"])
+    sigma_pas: Pressure | None = Field(
+        default=None, description="passive fibre stress; sigma_act if left out"
+    )
+    lambda_opt: Positive = Field(default=1.0, description="stretch of the greatest active stress")
+    lambda_pas: Scale = Field(
+        default=1.2, description="stretch above which passive fibre stress is linear"
+    )
+    material: MaterialField = Field(examples=['{ model = "neo_hookean", ... }'])
+    activation: Activation = Field(
+        default=Constant(0.0), description="activation (0 to 1) over time", validate_default=False
+    )
+
+    @field_validator("surfaces")
+    @classmethod
+    def _need_a_surface(cls, surfaces: list[Any]) -> list[Any]:
+        if not surfaces:
+            raise InputError('got []; allowed: at least one surface file, as ["left.obj"]')
+        return surfaces
+
+    @model_validator(mode="after")
+    def _passive_follows_active(self) -> MuscleSpec:
+        if self.sigma_pas is None:
+            object.__setattr__(self, "sigma_pas", self.sigma_act)
+        return self
+
+
+class FixedSpec(Table):
+    """Nodes in a box, held in the named components."""
+
+    box: Box = Field(examples=[[[0, 0, 0], [60, 60, 1]]])
+    components: Components = Field(default="xyz", description="which components are held")
+
+
+class Boundary(Table):
+    """Boundary conditions."""
+
+    fixed: list[FixedSpec] = Field(default=[], description="boxes of nodes that are held")
+
+
+class Solver(Table):
+    """Time integration."""
+
+    duration: Time = Field(description="simulated time", examples=["50 ms"])
+    dt: TimeStep = Field(default="auto", description="time step; auto keeps below its bound")
+    damping: Rate = Field(default=0.0, description="mass-proportional damping")
+    hourglass: Literal["physical", "joldes"] = Field(default="physical")
+    hourglass_kappa: Positive | None = Field(
+        default=None, description='coefficient of hourglass = "joldes"'
+    )
+    mass_scaling: Scale = Field(default=1.0, description="all masses are multiplied by this")
+    precision: Literal["single", "double"] = Field(default="single")
+    gravity: Gravity = Field(default=(0.0, 0.0, 0.0), description="acceleration of gravity")
+
+    @model_validator(mode="after")
+    def _kappa_is_of_joldes(self) -> Solver:
+        if self.hourglass_kappa is not None and self.hourglass != "joldes":
+            raise InputError(
+                f'hourglass_kappa: got {self.hourglass_kappa!r} with hourglass = "physical", which '
+                'has none; allowed: leave it out, or hourglass = "joldes"'
+            )
+        return self
+
+
+class Output(Table):
+    """What a run writes."""
+
+    fps: Positive = Field(default=200.0, description="frames for each simulated second")
+
+
+class SceneTables(Table):
+    """The whole scene file."""
+
+    schema_version: Literal[1] = Field(
+        alias="schema", description="version of this format", examples=[1]
+    )
+    units: str = Field(
+        description="unit of bare lengths and of the surface files: m, cm, mm or um",
+        examples=["mm"],
+    )
+    geometry: Geometry = Field(examples=["{ ... }"])
+    layers: list[Layer] = Field(description="from the outer skin inwards", examples=["[[layers]]"])
+    muscles: list[MuscleSpec] = Field(default=[])
+    layer_bending: Literal["section", "blended"] = Field(
+        default="section",
+        description="bending stiffness of a voxel with layers: of its section, or of the mean "
+        "stiffness (as the published models do)",
+    )
+    boundary: Boundary = Field(default=Boundary())
+    solver: Solver = Field(examples=["{ ... }"])
+    output: Output = Field(default=Output())
+
+    @field_validator("layers")
+    @classmethod
+    def _last_takes_the_rest(cls, layers: list[Layer], info: ValidationInfo) -> list[Layer]:
+        if not layers:
+            raise InputError("got []; allowed: at least one [[layers]]")
+        for index, layer in enumerate(layers[:-1]):
+            if layer.thickness is None:
+                raise InputError(
+                    f"layers[{index}].thickness: missing on {layer.name!r}; allowed: a length on "
+                    "all layers but the last, as 1.8"
+                )
+        return [*layers[:-1], layers[-1].model_copy(update={"thickness": None})]
+
+    @model_validator(mode="after")
+    def _names_are_unique(self) -> SceneTables:
+        seen: set[str] = set()
+        for name in [*(x.name for x in self.layers), *(x.name for x in self.muscles)]:
+            if name in seen:
+                raise InputError(
+                    f"name {name!r} is used twice; allowed: one layer or muscle for each name"
+                )
+            seen.add(name)
+        return self

@@ -1,0 +1,206 @@
+"""The command line: verbs, exit codes, one-line errors, JSON."""
+
+import json
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import fake_run
+import pytest
+from typer.testing import CliRunner
+
+from tledface.cli import app
+from tledface.errors import SimulationError
+from tledface.scene import Scene
+
+VERBS = ("doctor", "demo", "examples", "new", "check", "build", "run", "bench", "schema")
+
+
+@pytest.fixture
+def call(monkeypatch, tmp_path):
+    fake_run.install(monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    return lambda *words: CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture
+def demo_module(monkeypatch):
+    """A shipped scene that costs nothing."""
+    example = SimpleNamespace(__doc__="A block.\n\nMore.", write=lambda folder: _write(folder))
+    monkeypatch.setattr("tledface.cli.demos.shipped", lambda: {"flat-block": example})
+
+
+def _write(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    return fake_run.write_scene(folder)
+
+
+def error_line(result, code=2):
+    assert result.exit_code == code, result.output
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("tledface: error: ")
+    assert result.stdout == ""
+    return lines[0]
+
+
+def test_help_names_every_verb_and_each_explains_itself(call):
+    top = call("--help")
+    assert top.exit_code == 0
+    assert all(verb in top.stdout for verb in VERBS)
+    for verb in VERBS:
+        result = call(verb, "--help")
+        assert result.exit_code == 0
+        assert "--json" in result.stdout or verb == "schema"
+
+
+def test_version(call):
+    result = call("--version")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("tledface 0.")
+
+
+@pytest.mark.parametrize("words", [["fly"], ["run"], ["run", "x.toml"], ["check", "--fast"]])
+def test_wrong_usage_is_exit_code_2(call, words):
+    assert call(*words).exit_code == 2
+
+
+def test_new_then_check(call, tmp_path):
+    result = call("new", "brow.toml")
+    assert result.exit_code == 0
+    assert "wrote brow.toml" in result.stdout
+    assert "exists already" in error_line(call("new", "brow.toml"))
+    assert "geometry.skin: file not found" in error_line(call("check", "brow.toml"))
+
+
+def test_check_reports_and_writes_nothing(call, tmp_path, monkeypatch):
+    monkeypatch.setattr("tledface.check._TIMING", 0.0)
+    scene = fake_run.write_scene(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    result = call("check", scene)
+    assert result.exit_code == 0, result.output
+    for words in ("2,880", "dermis", "set by pull", "1,000 steps", "6 loose voxels", "fake CPU"):
+        assert words in result.stdout
+    found = json.loads(call("check", scene, "--json").stdout)
+    assert found["elements"] == 2880
+    assert found["dt_tissue"] == "pull"
+    assert found["muscles"] == {"pull": 1440}
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_build_then_run_the_model(call, tmp_path):
+    result = call("build", fake_run.write_scene(tmp_path), "-o", "brow.h5")
+    assert result.exit_code == 0, result.output
+    assert "2,880 voxels" in result.stdout
+    result = call("run", "brow.h5", "-o", "out", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["steps"] == 1000
+    assert (tmp_path / "out" / "wrinkles.png").exists()
+
+
+def test_run_prints_where_the_files_are(call, tmp_path):
+    scene = fake_run.write_scene(tmp_path)
+    result = call("run", scene, "-o", "out", "--device", "native")
+    assert result.exit_code == 0, result.output
+    assert "out/frames.vtkhdf" in result.stdout.replace("\\", "/")
+    assert "--force" in error_line(call("run", scene, "-o", "out"))
+    quiet = call("run", scene, "-o", "out", "--force", "--quiet")
+    assert (quiet.exit_code, quiet.output) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("duration = ", "duraton = ", "solver.duraton: unknown key; nearest: duration"),
+        ('"10 ms"\ndamp', "10\ndamp", "solver.duration: unit missing: got 10"),
+        ('units = "mm"', 'units = "mm', "TOML syntax: "),
+        ("skin.stl", "none.stl", "geometry.skin: file not found"),
+    ],
+)
+def test_bad_scenes_are_one_line_and_exit_code_2(call, tmp_path, old, new, message):
+    assert old in fake_run.SCENE
+    scene = fake_run.write_scene(tmp_path, fake_run.SCENE.replace(old, new))
+    line = error_line(call("run", scene, "-o", "out"))
+    assert message in line
+    assert "brow.toml" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_failing_simulation_is_exit_code_1(call, tmp_path, monkeypatch):
+    monkeypatch.setattr(fake_run.FakeSimulator, "fail_at", 0.005)
+    scene = fake_run.write_scene(tmp_path)
+    assert "not finite" in error_line(call("run", scene, "-o", "out"), code=1)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (MemoryError(), 1, "out of memory"),
+        (SimulationError("two\nlines"), 1, "two lines"),
+        (PermissionError(13, "Permission denied", "x/y"), 2, "x/y: Permission denied"),
+    ],
+)
+def test_no_error_of_the_world_is_a_traceback(call, tmp_path, monkeypatch, error, code, message):
+    def fail(self):
+        raise error
+
+    monkeypatch.setattr(Scene, "build", fail)
+    line = error_line(call("check", fake_run.write_scene(tmp_path)), code)
+    assert message in line
+
+
+def test_demo_runs_and_may_run_again(call, tmp_path, demo_module):
+    result = call("demo")
+    assert result.exit_code == 0, result.output
+    folder = tmp_path / "tledface-flat-block"
+    assert (folder / "wrinkles.png").exists()
+    assert (folder / "scene" / "brow.toml").exists()
+    assert call("demo", "flat-block", "-o", folder).exit_code == 0
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").touch()
+    assert "no tledface run" in error_line(call("demo", "-o", "mine"))
+
+
+def test_demo_never_replaces_a_run_of_something_else(call, tmp_path, demo_module):
+    scene = fake_run.write_scene(tmp_path)
+    assert call("run", scene, "-o", "out", "-q").exit_code == 0
+    assert "--force" in error_line(call("demo", "-o", "out"))
+
+
+def test_unknown_demo_names_the_nearest(call, demo_module):
+    assert "nearest: flat-block" in error_line(call("demo", "flat-blok"))
+
+
+def test_examples(call):
+    result = call("examples", "--list")
+    assert result.exit_code == 0
+    assert result.stdout.startswith("flat-block")
+    assert "flat-block" in json.loads(call("examples", "--json").stdout)["examples"]
+
+
+def test_schema_is_json(call):
+    assert json.loads(call("schema").stdout)["title"] == "tledface scene"
+
+
+def test_doctor_and_bench_call_their_modules(call, monkeypatch):
+    fake = SimpleNamespace(text=lambda: "all well", report=lambda: {"well": True})
+    monkeypatch.setitem(sys.modules, "tledface.doctor", fake)
+    monkeypatch.setattr("tledface.doctor", fake, raising=False)
+    assert call("doctor").stdout == "all well\n"
+    assert json.loads(call("doctor", "--json").stdout) == {"well": True}
+    asked = {}
+    monkeypatch.setitem(sys.modules, "tledface.bench", SimpleNamespace(main=asked.update))
+    assert call("bench", "--device", "native", "--json").exit_code == 0
+    assert asked == {"device": "native", "json": True, "quiet": False}
+
+
+def test_console_script_error_has_no_traceback(tmp_path):
+    code = (
+        "import sys; sys.argv[1:] = ['check', 'none.toml']; from tledface.cli import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("tledface: error: none.toml: no such scene file")
+    assert done.stderr.count("\n") == 1

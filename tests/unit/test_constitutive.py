@@ -1,0 +1,77 @@
+"""Materials: registry, checks, moduli."""
+
+import pytest
+
+from tledface.constitutive import material, materials, parse_material
+from tledface.errors import InputError
+
+SOFT = {"youngs_modulus": 34e3, "poissons_ratio": 0.49, "density": 1100.0}
+
+
+def test_neo_hookean_in_si():
+    m = material("neo_hookean", **SOFT)
+    assert m.model == "neo_hookean"
+    assert m.parameters == {"youngs_modulus": 34e3, "poissons_ratio": 0.49}
+    assert m.density == 1100.0
+    assert m.volumetric == "log"
+    assert m.mu == pytest.approx(34e3 / (2 * 1.49))
+    assert m.bulk == pytest.approx(34e3 / (3 * 0.02))
+    # E and nu come back from mu and bulk.
+    assert 9 * m.bulk * m.mu / (3 * m.bulk + m.mu) == pytest.approx(34e3)
+    assert material("neo_hookean", **SOFT, volumetric="quadratic").volumetric == "quadratic"
+
+
+def test_equal_materials_are_equal_and_hash_alike():
+    assert material("neo_hookean", **SOFT) == material("neo_hookean", **SOFT)
+    assert len({material("neo_hookean", **SOFT), material("neo_hookean", **SOFT)}) == 1
+
+
+def test_registry_describes_each_law():
+    for name, law in materials().items():
+        assert law.name == name
+        assert law.energy and law.source and law.caveats
+        assert all(p.bounds and p.meaning for p in law.parameters)
+    law = materials()["neo_hookean"]
+    assert [p.name for p in law.parameters] == ["youngs_modulus", "poissons_ratio", "density"]
+    assert law.parameters[0].unit == "Pa"
+
+
+def test_scene_table_needs_units_for_stiffness_but_not_for_density():
+    table = {"model": "neo_hookean", **SOFT, "youngs_modulus": "34 kPa", "density": 1100}
+    assert parse_material(table) == material("neo_hookean", **SOFT)
+    assert parse_material({**table, "density": "1.1 g/cm^3"}) == material("neo_hookean", **SOFT)
+    with pytest.raises(InputError, match="youngs_modulus: unit missing: got 34000"):
+        parse_material({**table, "youngs_modulus": 34000})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"model": "neohookean"}, "unknown law 'neohookean'; nearest: neo_hookean"),
+        ({"model": 3}, "unknown law 3"),
+        ({"young_modulus": 1.0}, "young_modulus: unknown .*; nearest: youngs_modulus"),
+        ({"youngs_modulus": -1.0}, "youngs_modulus: got -1.0; allowed: greater than 0"),
+        ({"youngs_modulus": "3 s"}, "youngs_modulus: .* s is the unit of a time"),
+        ({"poissons_ratio": 0.5}, "poissons_ratio: got 0.5; allowed: .* less than 0.5"),
+        ({"poissons_ratio": -0.1}, "at least 0"),
+        ({"density": 0.0}, "density: got 0.0"),
+        ({"volumetric": "cubic"}, 'volumetric: got \'cubic\'; allowed: "log", "quadratic"'),
+    ],
+)
+def test_bad_parameters_are_named(changes, message):
+    with pytest.raises(InputError, match=message):
+        material(**{"model": "neo_hookean", **SOFT, **changes})
+
+
+def test_missing_parameter_is_named():
+    with pytest.raises(InputError, match="density missing: neo_hookean needs a density, > 0 kg/m"):
+        material("neo_hookean", youngs_modulus=1e3, poissons_ratio=0.4)
+    with pytest.raises(InputError, match="model missing"):
+        parse_material({"density": 1})
+
+
+def test_public_names_are_functions_whatever_was_imported_first():
+    import tledface as tf
+
+    assert tf.material("neo_hookean", **SOFT).mu > 0.0
+    assert "neo_hookean" in tf.materials()

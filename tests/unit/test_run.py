@@ -1,0 +1,116 @@
+"""A run from scene to files, with a simulator that makes waves without computing."""
+
+import json
+
+import fake_run
+import h5py
+import numpy as np
+import pytest
+import trimesh
+
+from tledface.errors import InputError, SimulationError
+from tledface.model import Model
+from tledface.output import earlier_run
+from tledface.run import load_run, run_scene, save_built
+from tledface.scene import Scene
+from tledface.schedule import Ramp
+
+FILES = ["frames.vtkhdf", "frames_surface.vtkhdf", "run.json", "surface.ply", "wrinkles.png"]
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    fake_run.install(monkeypatch)
+    return Scene.load(fake_run.write_scene(tmp_path))
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_a_run_writes_its_files_and_measures_folds(scene, tmp_path):
+    out = tmp_path / "out"
+    result = run_scene(scene, out, quiet=True)
+    assert names(out) == FILES
+    assert (out / "wrinkles.png").read_bytes()[:4] == b"\x89PNG"
+    with h5py.File(out / "frames.vtkhdf") as file:
+        times = file["VTKHDF/Steps/Values"][:]
+    np.testing.assert_allclose(times, np.arange(6) / 500, atol=1e-12)
+    moved = trimesh.load(out / "surface.ply", process=False)
+    assert moved.vertices[:, 2].max() == pytest.approx(0.005, rel=1e-4)
+    assert result.frames == 6
+    assert result.steps == 1000
+    assert result.dt == pytest.approx(1e-5)
+    assert result.folds is not None
+    assert result.folds.count == 5
+    assert result.max_displacement == pytest.approx(1e-3)
+    about = earlier_run(out)
+    assert about is not None
+    assert about["state"] == "finished"
+    assert about["result"]["wrinkles"]["count"] == 5
+    assert set(about["files"]) == set(FILES) - {"run.json"}
+    assert "5 folds" in result.text()
+    assert "wrinkles.png" in result.text()
+    json.dumps(result.to_dict(), allow_nan=False)
+
+
+def test_the_scene_reaches_the_simulator(scene, tmp_path):
+    run_scene(scene, tmp_path / "out", quiet=True)
+    sim = fake_run.FakeSimulator.made[0]
+    assert sim.options["damping"] == 200.0
+    assert sim.options["mass_scaling"] == 10.0
+    assert sim.options["dt"] == "auto"
+    assert (sim.options["precision"], sim.options["hourglass"]) == ("single", "physical")
+    assert "hourglass_kappa" not in sim.options
+    assert sim.schedules == {"pull": Ramp(0.0, 0.75, 0.01)}
+
+
+def test_bad_input_leaves_nothing_behind(scene, tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise InputError("dt: got 1 s, above the stable bound")
+
+    monkeypatch.setattr("tledface.simulator.Simulator", refuse)
+    with pytest.raises(InputError, match=r"brow\.toml: solver: dt: got 1 s"):
+        run_scene(scene, tmp_path / "out", quiet=True)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_foreign_folder_is_refused_before_building(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(Scene, "build", lambda self: pytest.fail("built"))
+    with pytest.raises(InputError, match="no tledface run"):
+        run_scene(scene, tmp_path, quiet=True)
+
+
+def test_a_failed_run_keeps_its_frames_and_says_so(scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(fake_run.FakeSimulator, "fail_at", 0.005)
+    out = tmp_path / "out"
+    with pytest.raises(SimulationError, match=r"step 7: not finite; the frames until then are in"):
+        run_scene(scene, out, quiet=True)
+    assert names(out) == ["frames.vtkhdf", "frames_surface.vtkhdf", "run.json"]
+    about = earlier_run(out)
+    assert about is not None
+    assert (about["state"], about["error"]) == ("failed", "step 7: not finite")
+    monkeypatch.setattr(fake_run.FakeSimulator, "fail_at", np.inf)
+    run_scene(scene, out, quiet=True, force=True)
+    assert names(out) == FILES
+
+
+def test_a_built_model_runs_without_its_surfaces(scene, tmp_path):
+    path = tmp_path / "model.h5"
+    save_built(scene, scene.build(), path)
+    (tmp_path / "skin.stl").unlink()
+    loaded, model = load_run(path)
+    assert loaded.solver == scene.solver
+    assert loaded.muscles[0].activation == scene.muscles[0].activation
+    assert model.n_elements == 2880
+    run_scene(loaded, tmp_path / "out", model=model, quiet=True)
+    assert names(tmp_path / "out") == FILES
+    assert not list(tmp_path.glob("*.part*"))
+
+
+def test_a_model_without_scene_is_named(tmp_path):
+    path = tmp_path / "model.h5"
+    fake_run.make_model().save(path)
+    assert Model.load(path).n_elements == 2880
+    with pytest.raises(InputError, match=r"model\.h5: holds no scene"):
+        load_run(path)

@@ -1,0 +1,284 @@
+"""Scene files: values in SI, and one clear line for each kind of bad input."""
+
+import copy
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tledface.constitutive import material
+from tledface.errors import InputError
+from tledface.scene import Scene, template_text, write_template
+from tledface.schedule import Constant, Keyframes, Ramp
+
+SURFACES = ("skin.stl", "bone.obj", "frontalis_left.obj", "frontalis_right.obj")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in SURFACES:
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+@pytest.fixture
+def tables():
+    return tomllib.loads(template_text())
+
+
+def put(tables, path, value):
+    """A copy of ``tables`` with the key at ``path`` set, or removed for None."""
+    tables = copy.deepcopy(tables)
+    *parents, key = path
+    at = tables
+    for parent in parents:
+        at = at[parent]
+    if value is None:
+        del at[key]
+    else:
+        at[key] = value
+    return tables
+
+
+def test_template_loads_in_si(folder):
+    path = folder / "brow.toml"
+    write_template(path)
+    scene = Scene.load(path)
+    assert scene.path == path
+    assert scene.geometry.skin == folder / "skin.stl"
+    assert scene.geometry.bones == [folder / "bone.obj"]
+    assert scene.geometry.voxel == pytest.approx((5e-4, 5e-4, 5e-4))
+    assert scene.geometry.unit_scale == 1e-3
+    assert (scene.geometry.samples, scene.geometry.fill) == (4, 0.5)
+    assert (scene.geometry.region, scene.geometry.depth, scene.geometry.outer) == (
+        None,
+        None,
+        "all",
+    )
+    assert [x.name for x in scene.layers] == ["stratum corneum", "dermis", "hypodermis"]
+    assert [x.thickness for x in scene.layers] == [pytest.approx(2e-5), pytest.approx(1.8e-3), None]
+    assert scene.layers[1].material == material(
+        "neo_hookean", youngs_modulus=81.4e3, poissons_ratio=0.49, density=1100.0
+    )
+    muscle = scene.muscles[0]
+    assert muscle.fibre == (0.0, 0.0, 1.0)
+    assert (muscle.sigma_act, muscle.sigma_pas) == (5e6, 5e6)
+    assert (muscle.lambda_opt, muscle.lambda_pas) == (1.0, 1.2)
+    assert muscle.activation == Ramp(0.0, 0.75, 0.05)
+    assert scene.boundary.fixed[0].box == (
+        pytest.approx((-0.06, -0.15, 1.48)),
+        pytest.approx((0.06, 0.0, 1.5)),
+    )
+    assert scene.boundary.fixed[0].components == "xyz"
+    assert scene.solver.duration == 0.05
+    assert scene.solver.dt == "auto"
+    assert scene.solver.damping == 200.0
+    assert scene.solver.mass_scaling == 10.0
+    assert (scene.solver.hourglass, scene.solver.hourglass_kappa) == ("physical", None)
+    assert scene.solver.gravity == (0.0, 0.0, 0.0)
+    assert scene.output.fps == 200.0
+    assert scene.layer_bending == "section"
+
+
+def test_least_scene_has_the_documented_defaults(folder, tables):
+    least = {
+        "schema": 1,
+        "units": "mm",
+        "geometry": {"skin": "skin.stl", "voxel": [0.5, 0.5, 0.25]},
+        "layers": [{"name": "skin", "material": tables["layers"][2]["material"]}],
+        "solver": {"duration": "50 ms"},
+    }
+    scene = Scene.from_dict(least, folder)
+    assert scene.geometry.voxel == pytest.approx((5e-4, 5e-4, 2.5e-4))
+    assert scene.geometry.bones == [] and scene.muscles == [] and scene.boundary.fixed == []
+    solver = scene.solver
+    assert (solver.dt, solver.damping, solver.mass_scaling) == ("auto", 0.0, 1.0)
+    assert (solver.precision, solver.hourglass) == ("single", "physical")
+    assert scene.path is None
+    assert scene.source == least
+
+
+def test_optional_keys(folder, tables):
+    tables = put(tables, ["geometry", "depth"], 6)
+    tables = put(tables, ["geometry", "region"], [[0, 0, 0], ["1 cm", 20, 30]])
+    tables = put(tables, ["geometry", "outer"], [[[0, 0, 4], [60, 60, 5]]])
+    tables = put(tables, ["solver", "dt"], "2 us")
+    tables = put(tables, ["solver", "gravity"], [0, 0, "-9.81 m/s^2"])
+    tables = put(tables, ["solver", "hourglass"], "joldes")
+    tables = put(tables, ["solver", "hourglass_kappa"], 0.075)
+    tables = put(tables, ["boundary", "fixed", 0, "components"], "zx")
+    scene = Scene.from_dict(tables, folder)
+    assert scene.geometry.depth == pytest.approx(6e-3)
+    assert scene.geometry.region == ((0.0, 0.0, 0.0), pytest.approx((0.01, 0.02, 0.03)))
+    assert scene.geometry.outer == [
+        (pytest.approx((0, 0, 4e-3)), pytest.approx((6e-2, 6e-2, 5e-3)))
+    ]
+    assert scene.solver.dt == pytest.approx(2e-6)
+    assert scene.solver.gravity == (0.0, 0.0, -9.81)
+    assert scene.solver.hourglass_kappa == 0.075
+    assert scene.boundary.fixed[0].components == "xz"
+
+
+def test_last_layer_takes_the_rest_even_with_a_thickness(folder, tables):
+    scene = Scene.from_dict(put(tables, ["layers", 2, "thickness"], 3.0), folder)
+    assert scene.layers[-1].thickness is None
+
+
+@pytest.mark.parametrize(
+    ("activation", "expected"),
+    [
+        (0.5, Constant(0.5)),
+        (None, Constant(0.0)),
+        ({"ramp": [0.0, 1.0], "over": "20 ms", "begin": "5 ms"}, Ramp(0.0, 1.0, 0.02, 0.005)),
+        (
+            {"ramp": [0.0, 1.0], "over": "20 ms", "shape": "cosine"},
+            Ramp(0.0, 1.0, 0.02, shape="cosine"),
+        ),
+        (
+            {"keyframes": [["0 ms", 0.0], ["20 ms", 1.0]]},
+            Keyframes((0.0, 0.02), (0.0, 1.0)),
+        ),
+    ],
+)
+def test_activations(folder, tables, activation, expected):
+    scene = Scene.from_dict(put(tables, ["muscles", 0, "activation"], activation), folder)
+    assert scene.muscles[0].activation == expected
+
+
+def test_fibre_is_normalised_and_passive_stress_follows_active(folder, tables):
+    tables = put(tables, ["muscles", 0, "fibre"], [0, 3, 4])
+    tables = put(tables, ["muscles", 0, "sigma_pas"], None)
+    tables = put(tables, ["muscles", 0, "sigma_act"], "2 MPa")
+    muscle = Scene.from_dict(tables, folder).muscles[0]
+    assert muscle.fibre == pytest.approx((0, 0.6, 0.8))
+    assert muscle.sigma_pas == 2e6
+    tables = put(tables, ["muscles", 0, "fibre"], "long-axis")
+    assert Scene.from_dict(tables, folder).muscles[0].fibre == "long-axis"
+
+
+BAD = [
+    (["layers", 1, "thickness"], -1.8, r"layers\[1\]\.thickness: got -1\.8; allowed: greater"),
+    (["layers", 1, "thickness"], "1.8 kPa", r"layers\[1\]\.thickness: .*kPa is the unit of a pre"),
+    (["layers", 1, "thickness"], None, r"layers\[1\]\.thickness: missing on 'dermis'"),
+    (["layers", 1, "thicknes"], 1.8, r"layers\[1\]\.thicknes: unknown key; nearest: thickness"),
+    (["layers"], [], r"layers: got \[\]; allowed: at least one"),
+    (["layers", 1, "name"], "", r"layers\[1\]\.name: got ''"),
+    (["layers", 1, "name"], "frontalis", r"'frontalis' is used twice"),
+    (["layers", 1, "material"], "x", r"layers\[1\]\.material: got 'x'; allowed: a table"),
+    (
+        ["layers", 1, "material", "youngs_modulus"],
+        81.4,
+        r'layers\[1\]\.material\.youngs_modulus: unit missing: got 81\.4; .*"81\.4 kPa"',
+    ),
+    (
+        ["layers", 1, "material", "poisson_ratio"],
+        0.4,
+        r"layers\[1\]\.material\.poisson_ratio: unknown parameter .*nearest: poissons_ratio",
+    ),
+    (
+        ["geometry", "skin"],
+        "skn.stl",
+        r"geometry\.skin: file not found: .*nearest there: skin\.stl",
+    ),
+    (["geometry", "bones"], "bone.obj", r"geometry\.bones: got 'bone\.obj'; allowed: a list"),
+    (["geometry", "bones"], ["no.obj"], r"geometry\.bones: file not found"),
+    (["geometry", "voxel"], None, r"geometry\.voxel: key missing; give it, as voxel = 0\.5"),
+    (["geometry", "voxel"], [1, 2], r"geometry\.voxel: got \[1, 2\]"),
+    (["geometry", "voxel"], 0, r"geometry\.voxel: got 0; allowed: greater than 0"),
+    (["geometry", "samples"], 0, r"geometry\.samples: got 0; allowed: greater"),
+    (["geometry", "samples"], 2.5, r"geometry\.samples: got 2\.5"),
+    (["geometry", "fill"], 1.5, r"geometry\.fill: got 1\.5"),
+    (["geometry", "region"], [[1, 0, 0], [0, 1, 1]], r"geometry\.region: .*low corner"),
+    (["geometry", "outer"], "top", r"geometry\.outer: got 'top'; allowed: \"all\""),
+    (["muscles", 0, "fibre"], "nurbs", r"muscles\[0\]\.fibre: got 'nurbs'.*\"long-axis\""),
+    (["muscles", 0, "fibre"], [0, 0, 0], r"muscles\[0\]\.fibre: .*no direction"),
+    (["muscles", 0, "surfaces"], [], r"muscles\[0\]\.surfaces: got \[\]"),
+    (["muscles", 0, "sigma_act"], 5, r"muscles\[0\]\.sigma_act: unit missing"),
+    (["muscles", 0, "activation"], 1.5, r"muscles\[0\]\.activation: got 1\.5"),
+    (["muscles", 0, "activation"], {"au": {"AU1": 1}}, r"muscles\[0\]\.activation: got .*ramp"),
+    (["muscles", 0, "activation", "ovr"], "5 ms", r"activation\.ovr: unknown key; nearest: over"),
+    (["muscles", 0, "activation", "over"], 5, r"activation\.over: unit missing: got 5"),
+    (["muscles", 0, "activation", "ramp"], [0, 2], r"ramp end: got 2"),
+    (["boundary", "sliding"], ["bones"], r"boundary\.sliding: unknown key; nearest: fixed"),
+    (["boundary", "fixed", 0, "components"], "xw", r"fixed\[0\]\.components: got 'xw'"),
+    (["boundary", "fixed", 0, "box"], [[0, 0, 0]], r"fixed\[0\]\.box: got"),
+    (
+        ["solver", "duration"],
+        None,
+        r'solver\.duration: key missing; give it, as duration = "50 ms"',
+    ),
+    (["solver", "duration"], 50, r'solver\.duration: unit missing: got 50; .*"50 ms"'),
+    (["solver", "dt"], "automatic", r'solver\.dt: got \'automatic\'; allowed: "auto"'),
+    (["solver", "dt"], "0 s", r"solver\.dt: got '0 s'; allowed: greater than 0"),
+    (["solver", "damping"], 200, r"solver\.damping: unit missing"),
+    (["solver", "hourglass"], "phys", r"solver\.hourglass: got 'phys'; allowed: \"physical\""),
+    (["solver", "hourglass_kappa"], 0.1, r"solver\.hourglass_kappa: got 0\.1 with hourglass"),
+    (["solver", "mass_scaling"], 0.1, r"solver\.mass_scaling: got 0\.1; allowed: at least 1"),
+    (["solver", "gravity"], [0, 0, -9.81], r"solver\.gravity: unit missing: got -9\.81"),
+    (["output", "checkpoint_every"], "10 ms", r"output\.checkpoint_every: unknown key"),
+    (["solvr"], {}, r"scene: solvr: unknown key; nearest: solver"),
+    (["schema"], 2, r"schema: got 2; allowed: 1"),
+    (["schema"], None, r"schema: key missing; give it, as schema = 1"),
+    (["units"], "inch", r"units: got 'inch'; allowed: one of mm"),
+    (["units"], None, r'units: key missing; give it, as units = "mm"'),
+    (["geometry"], None, r"geometry: key missing; give a table \[geometry\]"),
+    (["solver"], 3, r"solver: got 3; allowed: a table"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "message"), BAD)
+def test_bad_input_is_one_line_with_its_key(folder, tables, path, value, message):
+    with pytest.raises(InputError, match=message) as raised:
+        Scene.from_dict(put(tables, path, value), folder)
+    assert "\n" not in str(raised.value)
+    assert str(raised.value).startswith("scene: ")
+
+
+def test_several_problems_are_counted(folder, tables):
+    tables = put(tables, ["solver", "duration"], 50)
+    tables = put(tables, ["geometry", "voxel"], 0)
+    with pytest.raises(InputError, match=r"\(and 1 more problem\)$"):
+        Scene.from_dict(tables, folder)
+
+
+def test_load_names_the_file(tmp_path):
+    with pytest.raises(InputError, match=r"none\.toml: no such scene file"):
+        Scene.load(tmp_path / "none.toml")
+    path = tmp_path / "broken.toml"
+    path.write_text("schema = 1\nunits = mm\n")
+    with pytest.raises(InputError, match=r"broken\.toml: TOML syntax: .*line 2"):
+        Scene.load(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match=r"broken\.toml: cannot be read as text"):
+        Scene.load(path)
+    path.write_text(template_text())
+    with pytest.raises(InputError, match=r"broken\.toml: geometry\.skin: file not found"):
+        Scene.load(path)
+
+
+def test_files_need_not_exist_where_the_model_is_built(tables):
+    scene = Scene.from_dict(tables, check_files=False)
+    assert scene.geometry.skin == Path("skin.stl")
+
+
+def test_template_is_never_overwritten(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text("mine")
+    with pytest.raises(InputError, match="exists already"):
+        write_template(path)
+    assert path.read_text() == "mine"
+    with pytest.raises(InputError, match="there is no folder"):
+        write_template(tmp_path / "none" / "scene.toml")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_json_schema_names_every_key(tables):
+    schema = Scene.json_schema()
+    assert schema["properties"]["schema"]["const"] == 1
+    assert set(schema["required"]) == {"schema", "units", "geometry", "layers", "solver"}
+    assert set(tables) <= set(schema["properties"])
+    for name, table in (("Geometry", "geometry"), ("Solver", "solver"), ("Output", "output")):
+        definition = schema["$defs"][name]
+        assert definition["additionalProperties"] is False
+        assert set(tables[table]) <= set(definition["properties"])
+    assert set(tables["muscles"][0]) == set(schema["$defs"]["MuscleSpec"]["properties"])

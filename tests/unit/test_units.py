@@ -1,0 +1,88 @@
+"""Quantities with units to SI."""
+
+import math
+
+import pytest
+
+from tledface import units
+from tledface.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "expected"),
+    [
+        ("81.4 kPa", "pressure", 81.4e3),
+        ("5 MPa", "pressure", 5e6),
+        ("0.5N/mm^2", "pressure", 0.5e6),
+        ("50 ms", "time", 0.05),
+        ("2 us", "time", 2e-6),
+        ("2 µs", "time", 2e-6),
+        ("0.5 mm", "length", 5e-4),
+        ("1.5e-1 cm", "length", 1.5e-3),
+        ("1100 kg/m^3", "density", 1100.0),
+        ("1100 kg/m³", "density", 1100.0),
+        ("1.1 g/cm3", "density", 1100.0),
+        ("200 1/s", "rate", 200.0),
+        ("200 s^-1", "rate", 200.0),
+        ("-9.81 m/s^2", "acceleration", -9.81),
+        ("-9.81 m / s**2", "acceleration", -9.81),
+        ("49 %", "number", 0.49),
+        ("0.49", "number", 0.49),
+    ],
+)
+def test_text_becomes_si(text, kind, expected):
+    assert units.parse(text, kind) == pytest.approx(expected, rel=1e-15)
+
+
+def test_every_example_of_the_table_parses_with_its_own_kind():
+    for kind, known in units.KINDS.items():
+        assert math.isfinite(units.parse(known.example, kind))
+        assert known.units[known.si] == 1.0
+
+
+def test_bare_number_needs_an_implied_unit_unless_zero():
+    assert units.parse(0.5, "length", bare=1e-3) == 5e-4
+    assert units.parse("0.5", "length", bare=1e-3) == 5e-4
+    assert units.parse(0, "acceleration") == 0.0
+    assert units.parse(0.49, "number") == 0.49
+    with pytest.raises(InputError, match=r'^E: unit missing: got 81\.4; .* "81\.4 kPa"'):
+        units.parse(81.4, "pressure", key="E")
+    with pytest.raises(InputError, match="unit missing"):
+        units.parse("81.4", "pressure")
+
+
+@pytest.mark.parametrize(
+    ("value", "kind", "message"),
+    [
+        ("5 kpa", "pressure", r'unknown unit "kpa" \(nearest: "kPa"\)'),
+        ("5 mm", "pressure", "mm is the unit of a length"),
+        ("5 furlong", "length", 'unknown unit "furlong"'),
+        ("five mm", "length", "got 'five mm'"),
+        ("nan mm", "length", "allowed"),
+        ("1e999 mm", "length", "finite"),
+        (math.inf, "number", "finite"),
+        (True, "number", "got True"),
+        ([1], "time", r"got \[1\]"),
+        (None, "length", "got None"),
+    ],
+)
+def test_bad_quantities_are_named(value, kind, message):
+    with pytest.raises(InputError, match=message) as raised:
+        units.parse(value, kind)
+    assert "\n" not in str(raised.value)
+
+
+def test_bounds():
+    assert units.bounded(0.0, at_least=0.0, below=0.5) == 0.0
+    with pytest.raises(InputError, match=r"got 0\.5; allowed: at least 0 and less than 0\.5$"):
+        units.bounded(0.5, at_least=0.0, below=0.5)
+    with pytest.raises(InputError, match=r"got '-1 mm'; allowed: greater than 0$"):
+        units.bounded(-1e-3, above=0.0, shown="-1 mm", unit="m")
+    with pytest.raises(InputError):
+        units.bounded(math.nan, at_most=1.0)
+
+
+def test_unit_scale():
+    assert units.unit_scale("mm") == 1e-3
+    with pytest.raises(InputError, match="got 'inch'; allowed: one of mm, m, cm, um"):
+        units.unit_scale("inch")
