@@ -5,11 +5,11 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <string>
 #include <vector>
 
 #include "block_model.hpp"
+#include "core/bandwidth.hpp"
 #include "core/error.hpp"
 #include "core/threads.hpp"
 #include "sim/simulator.hpp"
@@ -21,23 +21,6 @@ namespace {
 
 double seconds_since(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
-}
-
-// GB/s moved (read + written) by copying 256 MiB with every thread.
-double copy_bandwidth() {
-  static std::vector<float> from(1 << 26, 1.0f), to(1 << 26, 0.0f);
-  const std::size_t n = from.size(), parts = thread_count();
-  double best = 0;
-  for (int repeat = 0; repeat < 3; ++repeat) {
-    const auto begin = Clock::now();
-    parallel_for(parts, [&](std::size_t part) {
-      const std::size_t first = n / parts * part, count = n / parts;
-      std::memcpy(&to[first], &from[first], count * sizeof(float));
-    });
-    const double rate = 2.0 * static_cast<double>(n) * sizeof(float) / seconds_since(begin) / 1e9;
-    if (rate > best) best = rate;
-  }
-  return best;
 }
 
 int run(int argc, char** argv) {

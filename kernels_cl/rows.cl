@@ -89,6 +89,26 @@ INLINE Vec difference(Vec a, Vec b) {
   return v;
 }
 
+// Modes of an element between the faces at its low and high z.
+INLINE ElementModes element_modes(Face low, Face high) {
+  const Vec x = sum(low.x, high.x), y = sum(low.y, high.y), z = difference(high.s, low.s);
+  ElementModes m;
+  m.linear.xx = x.x;
+  m.linear.yx = x.y;
+  m.linear.zx = x.z;
+  m.linear.xy = y.x;
+  m.linear.yy = y.y;
+  m.linear.zy = y.z;
+  m.linear.xz = z.x;
+  m.linear.yz = z.y;
+  m.linear.zz = z.z;
+  m.hourglass.xy = sum(low.xy, high.xy);
+  m.hourglass.yz = difference(high.y, low.y);
+  m.hourglass.zx = difference(high.x, low.x);
+  m.hourglass.xyz = difference(high.xy, low.xy);
+  return m;
+}
+
 // Corner forces of one component from the face modes; adds them to the node row and to scratch.
 // Returns the force of the block's own nodes (lane l: elements l and l - 1 of both element rows).
 INLINE realv distribute(realv s, realv x, realv y, realv xy, real from_left,
@@ -141,21 +161,7 @@ INLINE void process_rows(__global const real* u, __global real* out,
       if (links[BLOCK_MATERIAL] >= 0) {
         if (!low_is_valid) low = load_face(u, blocks, block);
         const Face high = load_face(u, blocks, block + 1);
-        ElementModes m;
-        const Vec lx = sum(low.x, high.x), ly = sum(low.y, high.y), lz = difference(high.s, low.s);
-        m.linear.xx = lx.x;
-        m.linear.yx = lx.y;
-        m.linear.zx = lx.z;
-        m.linear.xy = ly.x;
-        m.linear.yy = ly.y;
-        m.linear.zy = ly.z;
-        m.linear.xz = lz.x;
-        m.linear.yz = lz.y;
-        m.linear.zz = lz.z;
-        m.hourglass.xy = sum(low.xy, high.xy);
-        m.hourglass.yz = difference(high.y, low.y);
-        m.hourglass.zx = difference(high.x, low.x);
-        m.hourglass.xyz = difference(high.xy, low.xy);
+        const ElementModes m = element_modes(low, high);
         const ElementModes f = compute_element_modes(
             m, materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES),
             muscle_entries, links[BLOCK_MUSCLE_BEGIN], links[BLOCK_MUSCLE_END], muscle_sets,

@@ -5,9 +5,42 @@
 #define STATE_SIGMA 9    // six: xx yy zz xy yz xz, Pa, muscles included
 #define STATE_ENERGY 15  // W, J/m3
 #define STATE_HOURGLASS 16  // J/m3
+#define STATE_GROWTH 17     // see stiffness_growth
+
+// Modes of the displacement of the elements of one block.
+INLINE ElementModes load_modes(__global const real* u, __global const int* blocks, int block) {
+  return element_modes(load_face(u, blocks, block), load_face(u, blocks, block + 1));
+}
+
 // Growth of the bulk stiffness that bounds the step: sum_d |cof F e_d|^2 / h_d^2 over its value at
 // rest (the tangent of U is U'' cof F (x) cof F), times U''(J)/U''(1) of the log form; -1 where J <= 0.
-#define STATE_GROWTH 17
+INLINE realv stiffness_growth(Tensor F, Tensor cof, __global const real* parameters,
+                              __global const real* shape) {
+  const realv inverse_J = R(1.0) / volume_ratio(F, cof, parameters);
+  const real gx = shape[SHAPE_GRADIENT], gy = shape[SHAPE_GRADIENT + 1],
+             gz = shape[SHAPE_GRADIENT + 2];
+  const realv growth =
+      (gx * gx * (cof.xx * cof.xx + cof.yx * cof.yx + cof.zx * cof.zx) +
+       gy * gy * (cof.xy * cof.xy + cof.yy * cof.yy + cof.zy * cof.zy) +
+       gz * gz * (cof.xz * cof.xz + cof.yz * cof.yz + cof.zz * cof.zz)) *
+      (R(1.0) / (gx * gx + gy * gy + gz * gz)) * (R(0.5) + R(0.5) * inverse_J * inverse_J);
+  return inverse_J > R(0.0) ? growth : broadcast(R(-1.0));
+}
+
+// Work-item: a block. growth[block * TLED_LANES + lane].
+__kernel void element_growth(__global const real* restrict u, __global real* restrict growth,
+                             __global const int* restrict blocks,
+                             __global const real* restrict materials,
+                             __global const real* restrict shape, int n_blocks) {
+  const int block = (int)get_global_id(0);
+  if (block >= n_blocks) return;
+  const int material = blocks[(long)block * TLED_BLOCK_INTS + BLOCK_MATERIAL];
+  if (material < 0) return;
+  const Tensor F = deformation_gradient(load_modes(u, blocks, block).linear, shape);
+  store_lanes(stiffness_growth(F, cofactors(F),
+                               materials + (long)material * (TLED_MATERIAL_ROWS * TLED_LANES), shape),
+              growth + (long)block * TLED_LANES);
+}
 
 __kernel void element_state(__global const real* restrict u, __global real* restrict state,
                             __global const int* restrict blocks,
@@ -24,23 +57,7 @@ __kernel void element_state(__global const real* restrict u, __global real* rest
   if (links[BLOCK_MATERIAL] < 0) return;
   __global const real* parameters =
       materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES);
-  const Face low = load_face(u, blocks, block), high = load_face(u, blocks, block + 1);
-  ElementModes m;
-  const Vec lx = sum(low.x, high.x), ly = sum(low.y, high.y), lz = difference(high.s, low.s);
-  m.linear.xx = lx.x;
-  m.linear.yx = lx.y;
-  m.linear.zx = lx.z;
-  m.linear.xy = ly.x;
-  m.linear.yy = ly.y;
-  m.linear.zy = ly.z;
-  m.linear.xz = lz.x;
-  m.linear.yz = lz.y;
-  m.linear.zz = lz.z;
-  m.hourglass.xy = sum(low.xy, high.xy);
-  m.hourglass.yz = difference(high.y, low.y);
-  m.hourglass.zx = difference(high.x, low.x);
-  m.hourglass.xyz = difference(high.xy, low.xy);
-
+  const ElementModes m = load_modes(u, blocks, block);
   const Tensor F = deformation_gradient(m.linear, shape);
   const Tensor cof = cofactors(F);
   const realv J = volume_ratio(F, cof, parameters);
@@ -110,13 +127,5 @@ __kernel void element_state(__global const real* restrict u, __global real* rest
   out += 6 * TLED_LANES;
   store_lanes(neo_hookean_energy(parameters, J, cube_root, squared_norm(F)), out);
   store_lanes(hourglass * (R(1.0) / volume), out + TLED_LANES);
-  const real gx = shape[SHAPE_GRADIENT], gy = shape[SHAPE_GRADIENT + 1],
-             gz = shape[SHAPE_GRADIENT + 2];
-  const realv growth =
-      (gx * gx * (cof.xx * cof.xx + cof.yx * cof.yx + cof.zx * cof.zx) +
-       gy * gy * (cof.xy * cof.xy + cof.yy * cof.yy + cof.zy * cof.zy) +
-       gz * gz * (cof.xz * cof.xz + cof.yz * cof.yz + cof.zz * cof.zz)) *
-      (R(1.0) / (gx * gx + gy * gy + gz * gz)) * (R(0.5) + R(0.5) * inverse_J * inverse_J);
-  const realv F_det = F.xx * cof.xx + F.xy * cof.xy + F.xz * cof.xz;
-  store_lanes(F_det > R(0.0) ? growth : broadcast(R(-1.0)), out + 2 * TLED_LANES);
+  store_lanes(stiffness_growth(F, cof, parameters, shape), out + 2 * TLED_LANES);
 }

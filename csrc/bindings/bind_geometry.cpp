@@ -124,8 +124,7 @@ py::dict bind_voxelise(const Surface& skin, const Array<bool>& outer,
                        const std::vector<const Surface*>& parts, std::array<double, 3> origin,
                        std::array<double, 3> voxel, std::array<std::int64_t, 3> count, int samples,
                        const std::vector<double>& boundaries, double cap,
-                       std::array<double, 3> region_low, std::array<double, 3> region_high,
-                       double fill) {
+                       std::array<double, 3> region_low, std::array<double, 3> region_high) {
   if (outer.ndim() != 1 || static_cast<std::size_t>(outer.shape(0)) != skin.mesh.faces.size())
     throw InputError("outer: one value per skin face is needed");
   VoxeliseInput input;
@@ -140,7 +139,6 @@ py::dict bind_voxelise(const Surface& skin, const Array<bool>& outer,
   input.boundaries = boundaries;
   input.cap = cap;
   input.region = {to_vec3(region_low), to_vec3(region_high)};
-  input.fill = fill;
   Voxels voxels;
   {
     py::gil_scoped_release unlocked;
@@ -148,8 +146,7 @@ py::dict bind_voxelise(const Surface& skin, const Array<bool>& outer,
   }
   py::dict d;
   d["cells"] = to_array(std::move(voxels.cells), 3);
-  d["fill"] = to_array(std::move(voxels.fill));
-  d["fractions"] = to_array(std::move(voxels.fractions), voxels.n_tissues);
+  d["shares"] = to_array(std::move(voxels.shares), voxels.n_tissues);
   d["first"] = to_array(std::move(voxels.first), voxels.n_tissues);
   d["second"] = to_array(std::move(voxels.second), voxels.n_tissues);
   d["normal"] = to_array(std::move(voxels.normal), 3);
@@ -179,11 +176,15 @@ void define_geometry(py::module_& module) {
   py::class_<Surface>(module, "Surface", "A closed, oriented triangle surface in metres.")
       .def_readonly("name", &Surface::name)
       .def_readonly("area", &Surface::area, "m^2")
-      .def_property_readonly("volume", [](const Surface& s) { return s.moments.volume; }, "m^3")
-      .def_property_readonly("centroid", [](const Surface& s) { return from_vec3(s.moments.centroid); })
-      .def_property_readonly("covariance", [](const Surface& s) { return s.moments.covariance; },
-                             "xx yy zz xy yz xz about the centroid, integrated over the volume, m^5")
-      .def_property_readonly("vertices", [](const Surface& s) { return points_array(s.mesh.vertices); })
+      .def_property_readonly(
+          "volume", [](const Surface& s) { return s.moments.volume; }, "m^3")
+      .def_property_readonly("centroid",
+                             [](const Surface& s) { return from_vec3(s.moments.centroid); })
+      .def_property_readonly(
+          "covariance", [](const Surface& s) { return s.moments.covariance; },
+          "xx yy zz xy yz xz about the centroid, integrated over the volume, m^5")
+      .def_property_readonly("vertices",
+                             [](const Surface& s) { return points_array(s.mesh.vertices); })
       .def_property_readonly("faces", [](const Surface& s) { return faces_array(s.mesh.faces); })
       .def_property_readonly("report", [](const Surface& s) { return report_dict(s.report); })
       .def("closest_points", &bind_closest, py::arg("points"),
@@ -194,8 +195,8 @@ void define_geometry(py::module_& module) {
   module.def("voxelise", &bind_voxelise, py::kw_only(), py::arg("skin"), py::arg("outer"),
              py::arg("bones"), py::arg("parts"), py::arg("origin"), py::arg("voxel"),
              py::arg("count"), py::arg("samples"), py::arg("boundaries"), py::arg("cap"),
-             py::arg("region_low"), py::arg("region_high"), py::arg("fill"),
-             "Samples surfaces into voxels: cells, fill, fractions, first, second, normal.");
+             py::arg("region_low"), py::arg("region_high"),
+             "Samples surfaces into voxels: cells, shares, first, second, normal.");
   module.def("clean_cells", &bind_clean, py::arg("cells"), py::arg("min_neighbours"),
              "Keep mask, number of loose cells removed, sizes of the smaller parts removed.");
 }

@@ -3,6 +3,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include "core/bandwidth.hpp"
 #include "core/error.hpp"
 #include "sim/simulator.hpp"
 
@@ -100,6 +101,8 @@ py::tuple bound_tuple(const TimeStepBound& bound) {
 }  // namespace
 
 void define_simulator(py::module_& module) {
+  module.def("copy_bandwidth", [] { return copy_bandwidth(); },
+             py::call_guard<py::gil_scoped_release>(), "Copy bandwidth of the host, GB/s.");
   py::class_<VoxelModel>(module, "VoxelModel", "Plain arrays of a voxel model; see Model.")
       .def(py::init(&make_model), py::kw_only(), py::arg("voxel"), py::arg("cells"),
            py::arg("node_ijk"), py::arg("mu"), py::arg("bulk_log"), py::arg("bulk_quadratic"),

@@ -82,8 +82,8 @@ void Bvh::build() {
   std::vector<Vec3> centroids(n);
   for (std::int32_t f = 0; f < n; ++f) {
     const Face& face = mesh_.faces[f];
-    centroids[f] = (1.0 / 3) * (mesh_.vertices[face[0]] + mesh_.vertices[face[1]] +
-                                mesh_.vertices[face[2]]);
+    centroids[f] =
+        (1.0 / 3) * (mesh_.vertices[face[0]] + mesh_.vertices[face[1]] + mesh_.vertices[face[2]]);
   }
   order_.resize(n);
   std::iota(order_.begin(), order_.end(), 0);
@@ -96,7 +96,8 @@ void Bvh::build() {
     const Task task = tasks.back();
     tasks.pop_back();
     const Vec3& any = mesh_.vertices[mesh_.faces[order_[task.begin]][0]];
-    Vec3 low = any, high = any, middle_low = centroids[order_[task.begin]], middle_high = middle_low;
+    Vec3 low = any, high = any, middle_low = centroids[order_[task.begin]],
+         middle_high = middle_low;
     for (std::int32_t i = task.begin; i < task.end; ++i) {
       for (const auto v : mesh_.faces[order_[i]]) {
         low = min(low, mesh_.vertices[v]);
@@ -111,10 +112,12 @@ void Bvh::build() {
       continue;
     }
     const Vec3 extent = middle_high - middle_low;
-    const int axis = extent.x >= extent.y && extent.x >= extent.z ? 0 : extent.y >= extent.z ? 1 : 2;
+    const int axis = extent.x >= extent.y && extent.x >= extent.z ? 0
+                     : extent.y >= extent.z                       ? 1
+                                                                  : 2;
     const std::int32_t middle = task.begin + count / 2;
-    std::nth_element(order_.begin() + task.begin, order_.begin() + middle, order_.begin() + task.end,
-                     [&](std::int32_t a, std::int32_t b) {
+    std::nth_element(order_.begin() + task.begin, order_.begin() + middle,
+                     order_.begin() + task.end, [&](std::int32_t a, std::int32_t b) {
                        const double p = centroids[a][axis], q = centroids[b][axis];
                        return p != q ? p < q : a < b;
                      });
@@ -140,8 +143,7 @@ void Bvh::compute_normals() {
     const Vec3 p[3] = {mesh_.vertices[face[0]], mesh_.vertices[face[1]], mesh_.vertices[face[2]]};
     face_normals_[f] = unit(cross(p[1] - p[0], p[2] - p[0]));
     for (int c = 0; c < 3; ++c) {
-      const double cosine =
-          dot(unit(p[(c + 1) % 3] - p[c]), unit(p[(c + 2) % 3] - p[c]));
+      const double cosine = dot(unit(p[(c + 1) % 3] - p[c]), unit(p[(c + 2) % 3] - p[c]));
       Vec3& normal = vertex_normals_[face[c]];
       normal = normal + std::acos(std::clamp(cosine, -1.0, 1.0)) * face_normals_[f];
     }
@@ -201,7 +203,8 @@ ClosestPoint Bvh::closest(const Vec3& p, double limit2, std::int32_t guess) cons
       if (near.distance2 <= hit.distance2) stack[top++] = near;
       continue;
     }
-    for (std::int32_t i = node.first; i < node.first + node.count; ++i) test(corners_[i], order_[i]);
+    for (std::int32_t i = node.first; i < node.first + node.count; ++i)
+      test(corners_[i], order_[i]);
   }
   return hit;
 }

@@ -30,6 +30,10 @@ class Bvh {
   ClosestPoint closest(const Vec3& p, double limit2 = std::numeric_limits<double>::infinity(),
                        std::int32_t guess = -1) const;
 
+  // Calls visit(face) for the faces whose box holds (x, y), whatever their z.
+  template <class Visit>
+  void visit_column(double x, double y, Visit visit) const;
+
   // Unit normal of the face, edge or vertex that holds the closest point.
   Vec3 pseudonormal(const ClosestPoint& hit) const;
 
@@ -55,6 +59,22 @@ class Bvh {
   std::vector<Vec3> face_normals_, vertex_normals_;
   std::vector<std::array<Vec3, 3>> edge_normals_;  // of edge corner -> next corner
 };
+
+template <class Visit>
+void Bvh::visit_column(double x, double y, Visit visit) const {
+  std::array<std::int32_t, 64> stack;
+  int top = 0;
+  stack[top++] = 0;
+  while (top > 0) {
+    const Node& node = nodes_[stack[--top]];
+    if (x < node.low.x || x > node.high.x || y < node.low.y || y > node.high.y) continue;
+    if (node.count == 0) {
+      stack[top++] = node.first;
+      stack[top++] = node.first + 1;
+    }
+    for (std::int32_t i = node.first; i < node.first + node.count; ++i) visit(order_[i]);
+  }
+}
 
 // Closest points of many points, in parallel.
 std::vector<ClosestPoint> closest_points(const Bvh& bvh, const std::vector<Vec3>& points);

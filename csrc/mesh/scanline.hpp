@@ -1,13 +1,13 @@
 // Inside test by winding numbers along lattice columns.
 //
 // A column of samples runs along z at one (x, y). Every face whose projection covers (x, y) crosses
-// it once, +1 where the column enters the volume and -1 where it leaves; a sample's winding number is
-// the sum of the crossings at or below it. Coverage is decided per directed edge: an edge crosses the
-// line x = x_s where its ends lie on different sides (x > x_s or not), its crossing y and z are
-// computed from the two vertices in index order, and a face covers the half-open y interval between
-// its two crossing edges. Both faces of an edge therefore take the same decision from the same
-// number, so on a closed surface the crossings of every column sum to zero exactly, whatever the
-// rounding and however samples fall on vertices, edges or upright faces.
+// it once, +1 where the column enters the volume and -1 where it leaves; a sample's winding number
+// is the sum of the crossings at or below it. Coverage is decided per directed edge: an edge
+// crosses the line x = x_s where its ends lie on different sides (x > x_s or not), its crossing y
+// and z are computed from the two vertices in index order, and a face covers the half-open y
+// interval between its two crossing edges. Both faces of an edge therefore take the same decision
+// from the same number, so on a closed surface the crossings of every column sum to zero exactly,
+// whatever the rounding and however samples fall on vertices, edges or upright faces.
 #pragma once
 #include <cstdint>
 #include <vector>
@@ -56,13 +56,9 @@ class ColumnScanner {
   const TriangleMesh& mesh_;
   SampleLattice lattice_;
   int rows_;
-  std::vector<std::size_t> begin_;   // faces_ of each slab
+  std::vector<std::size_t> begin_;  // faces_ of each slab
   std::vector<std::int32_t> faces_;
 };
-
-// Winding number of one point against the faces for which use(face) holds, by the same rule.
-template <class Use>
-int winding_number(const TriangleMesh& mesh, const Vec3& p, Use use);
 
 struct LineCrossing {
   double y, z;
@@ -95,18 +91,12 @@ inline bool cross_face(const TriangleMesh& mesh, const Face& face, double x, Lin
   return true;
 }
 
-template <class Use>
-int winding_number(const TriangleMesh& mesh, const Vec3& p, Use use) {
-  int winding = 0;
+// What a face adds to the winding number of a point: the crossing of the column from below to it.
+inline int winding_of_face(const TriangleMesh& mesh, const Face& face, const Vec3& p) {
   LineCrossing low, high;
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    if (!use(static_cast<std::int32_t>(f)) || !cross_face(mesh, mesh.faces[f], p.x, low, high) ||
-        p.y < low.y || p.y >= high.y)
-      continue;
-    const double z = low.z + (p.y - low.y) / (high.y - low.y) * (high.z - low.z);
-    if (z <= p.z) winding -= low.direction;
-  }
-  return winding;
+  if (!cross_face(mesh, face, p.x, low, high) || p.y < low.y || p.y >= high.y) return 0;
+  const double z = low.z + (p.y - low.y) / (high.y - low.y) * (high.z - low.z);
+  return z <= p.z ? -low.direction : 0;
 }
 
 }  // namespace tledface

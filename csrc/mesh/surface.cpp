@@ -3,9 +3,12 @@
 
 #include <cstdio>
 #include <map>
+#include <memory>
 #include <numeric>
+#include <utility>
 
 #include "core/error.hpp"
+#include "mesh/bvh.hpp"
 #include "mesh/scanline.hpp"
 
 namespace tledface {
@@ -13,6 +16,7 @@ namespace {
 
 // A volume below this fraction of the box diagonal cubed counts as none (rounding of a flat sheet).
 constexpr double kNoVolume = 1e-9;
+constexpr double kFarthest = 1e6;  // m; beyond it a vertex is damage, not anatomy
 
 std::string number(double value) {
   char text[32];
@@ -28,11 +32,12 @@ void check_input(const TriangleMesh& mesh, const std::string& name) {
                      " vertices, " + std::to_string(mesh.faces.size()) +
                      " faces); a closed triangle surface is needed, export it again");
   for (std::size_t v = 0; v < mesh.vertices.size(); ++v)
-    if (!is_finite(mesh.vertices[v])) {
+    if (!is_finite(mesh.vertices[v]) || norm(mesh.vertices[v]) > kFarthest) {
       const Vec3& p = mesh.vertices[v];
       throw InputError(name + ": vertex " + std::to_string(v) + " is (" + number(p.x) + ", " +
                        number(p.y) + ", " + number(p.z) +
-                       "), coordinates must be finite; repair or remove it");
+                       ") m, coordinates must be finite and below " + number(kFarthest) +
+                       " m; repair or remove it");
     }
   const auto n = static_cast<std::int64_t>(mesh.vertices.size());
   for (std::size_t f = 0; f < mesh.faces.size(); ++f)
@@ -44,20 +49,26 @@ void check_input(const TriangleMesh& mesh, const std::string& name) {
 
 // Keeps one face of each signed set of equal ones; opposite twins cancel. Needs sorted faces.
 std::size_t remove_duplicates(TriangleMesh& mesh) {
-  std::map<Face, int> net;
-  std::size_t removed = 0;
-  for (const Face& face : mesh.faces) {
-    // Faces start at their lowest vertex, so the two windings differ in the order of the others.
-    const bool forward = face[1] < face[2];
-    net[forward ? face : Face{face[0], face[2], face[1]}] += forward ? 1 : -1;
-  }
-  if (net.size() == mesh.faces.size()) return 0;
-  removed = mesh.faces.size();
+  // Faces start at their lowest vertex, so the two windings differ in the order of the others.
+  std::vector<std::pair<Face, int>> signed_faces;
+  signed_faces.reserve(mesh.faces.size());
+  for (const Face& face : mesh.faces)
+    if (face[1] < face[2])
+      signed_faces.push_back({face, 1});
+    else
+      signed_faces.push_back({{face[0], face[2], face[1]}, -1});
+  std::sort(signed_faces.begin(), signed_faces.end());
+  const std::size_t before = mesh.faces.size();
   mesh.faces.clear();
-  for (const auto& [face, count] : net)
-    if (count != 0) mesh.faces.push_back(count > 0 ? face : Face{face[0], face[2], face[1]});
+  for (std::size_t begin = 0, end; begin < signed_faces.size(); begin = end) {
+    int net = 0;
+    const Face& face = signed_faces[begin].first;
+    for (end = begin; end < signed_faces.size() && signed_faces[end].first == face; ++end)
+      net += signed_faces[end].second;
+    if (net != 0) mesh.faces.push_back(net > 0 ? face : Face{face[0], face[2], face[1]});
+  }
   sort_faces(mesh);
-  return removed - mesh.faces.size();
+  return before - mesh.faces.size();
 }
 
 struct Components {
@@ -112,8 +123,10 @@ std::size_t orient_components(TriangleMesh& mesh, Components& components, const 
           reversed[other.face] = wanted;
           members.push_back(other.face);
         } else if (reversed[other.face] != wanted) {
-          throw InputError(name + ": the surface cannot be oriented (one side runs into the other "
-                                  "near face " + std::to_string(f) +
+          throw InputError(name +
+                           ": the surface cannot be oriented (one side runs into the other "
+                           "near face " +
+                           std::to_string(f) +
                            " after welding); a closed two-sided surface is needed, rebuild it");
         }
       }
@@ -243,6 +256,7 @@ void turn_inverted(TriangleMesh& mesh, const Components& components, SurfaceRepo
     for (Face& face : mesh.faces) flip(face);
   }
   const Vec3 origin = mesh.vertices[mesh.faces[0][0]];
+  std::unique_ptr<Bvh> tree;
   for (std::int32_t c = 0; c < components.count; ++c) {
     double volume = 0;
     for (const auto f : members[c]) {
@@ -254,11 +268,15 @@ void turn_inverted(TriangleMesh& mesh, const Components& components, SurfaceRepo
     constexpr std::size_t kProbes = 16;
     const std::size_t stride = members[c].size() / kProbes + 1;
     bool within = components.count > 1;
+    if (within && !tree) tree = std::make_unique<Bvh>(mesh);
     for (std::size_t m = 0; within && m < members[c].size(); m += stride) {
       const Vec3& probe = mesh.vertices[mesh.faces[members[c][m]][0]];
-      within = winding_number(mesh, probe, [&](std::int32_t f) {
-                 return components.of_face[f] != c;
-               }) != 0;
+      int winding = 0;
+      tree->visit_column(probe.x, probe.y, [&](std::int32_t f) {
+        if (components.of_face[f] != c)
+          winding += winding_of_face(tree->mesh(), tree->mesh().faces[f], probe);
+      });
+      within = winding != 0;
     }
     if (within) {
       ++report.cavities;
@@ -285,7 +303,9 @@ Surface prepare_surface(const TriangleMesh& input, const std::string& name,
 
   TriangleMesh& mesh = surface.mesh;
   mesh = weld(input, 0);
-  const auto open = [](const TriangleMesh& m) { return !m.faces.empty() && !boundary_loops(m).empty(); };
+  const auto open = [](const TriangleMesh& m) {
+    return !m.faces.empty() && !boundary_loops(m).empty();
+  };
   if (open(mesh)) {
     TriangleMesh joined = weld(input, options.seam_tolerance * diagonal);
     if (joined.vertices.size() < mesh.vertices.size() && !joined.faces.empty()) {

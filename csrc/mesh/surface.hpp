@@ -19,15 +19,15 @@ struct SurfaceOptions {
 // What was found and repaired. Counts, lengths in metres.
 struct SurfaceReport {
   std::size_t vertices_read = 0, faces_read = 0;
-  std::size_t vertices_welded = 0;     // read minus kept
-  std::size_t degenerate_faces = 0;    // removed: two corners alike
-  std::size_t duplicate_faces = 0;     // removed: repeated, or cancelled by an opposite twin
-  std::size_t flipped_faces = 0;       // wound against their neighbours, or components inside out
+  std::size_t vertices_welded = 0;   // read minus kept
+  std::size_t degenerate_faces = 0;  // removed: two corners alike
+  std::size_t duplicate_faces = 0;   // removed: repeated, or cancelled by an opposite twin
+  std::size_t flipped_faces = 0;     // wound against their neighbours, or components inside out
   std::size_t inverted_components = 0;
-  std::size_t cavities = 0;            // inward components inside another: kept as holes
+  std::size_t cavities = 0;  // inward components inside another: kept as holes
   std::size_t components = 0;
   std::size_t holes_filled = 0;
-  double largest_hole = 0;             // perimeter
+  double largest_hole = 0;  // perimeter
   bool seams_joined = false;
 };
 
@@ -35,7 +35,7 @@ struct Surface {
   std::string name;
   TriangleMesh mesh;  // canonical order (see weld), closed: directed edges cancel at every edge
   VolumeMoments moments;
-  double area = 0;    // m^2
+  double area = 0;  // m^2
   SurfaceReport report;
 };
 

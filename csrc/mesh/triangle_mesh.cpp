@@ -31,11 +31,13 @@ std::uint64_t cell_key(std::int64_t i, std::int64_t j, std::int64_t k) {
 void join_near(const std::vector<Vec3>& points, double tolerance,
                std::vector<std::int32_t>& parent) {
   std::unordered_map<std::uint64_t, std::vector<std::int32_t>> grid;
+  Vec3 low = points[0];
+  for (const Vec3& p : points) low = min(low, p);
   const auto cell = [&](double x) { return static_cast<std::int64_t>(std::floor(x / tolerance)); };
   for (std::int32_t v = 0; v < static_cast<std::int32_t>(points.size()); ++v) {
     if (find_root(parent, v) != v) continue;
     const Vec3& p = points[v];
-    const std::int64_t i = cell(p.x), j = cell(p.y), k = cell(p.z);
+    const std::int64_t i = cell(p.x - low.x), j = cell(p.y - low.y), k = cell(p.z - low.z);
     for (int n = 0; n < 27; ++n) {
       const auto found = grid.find(cell_key(i + n / 9 - 1, j + n / 3 % 3 - 1, k + n % 3 - 1));
       if (found == grid.end()) continue;
@@ -149,7 +151,8 @@ std::vector<Side> sorted_sides(const TriangleMesh& mesh) {
   for (std::size_t f = 0; f < mesh.faces.size(); ++f)
     for (int c = 0; c < 3; ++c) {
       const std::int32_t a = mesh.faces[f][c], b = mesh.faces[f][(c + 1) % 3];
-      sides.push_back({std::min(a, b), std::max(a, b), static_cast<std::int32_t>(f), a < b ? 1 : -1});
+      sides.push_back(
+          {std::min(a, b), std::max(a, b), static_cast<std::int32_t>(f), a < b ? 1 : -1});
     }
   std::sort(sides.begin(), sides.end(), [](const Side& s, const Side& t) {
     return std::tie(s.low, s.high, s.face) < std::tie(t.low, t.high, t.face);

@@ -21,8 +21,8 @@ struct Bounds {
 };
 
 struct VolumeMoments {
-  double volume = 0;                 // m^3, positive where faces wind counter-clockwise from outside
-  Vec3 centroid;                     // m
+  double volume = 0;  // m^3, positive where faces wind counter-clockwise from outside
+  Vec3 centroid;      // m
   std::array<double, 6> covariance;  // xx yy zz xy yz xz about the centroid, times volume, m^5
 };
 
@@ -42,7 +42,8 @@ TriangleMesh weld(const TriangleMesh& mesh, double tolerance);
 // The same surface in canonical order: see weld.
 void sort_faces(TriangleMesh& mesh);
 
-// One entry per side of each face: (low vertex, high vertex), face, +1 if the face runs low -> high.
+// One entry per side of each face: (low vertex, high vertex), face, +1 if the face runs low ->
+// high.
 struct Side {
   std::int32_t low, high, face;
   int direction;

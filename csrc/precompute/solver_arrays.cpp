@@ -326,11 +326,13 @@ std::vector<double> nodes_to_slots(const SolverArrays& arrays, const std::vector
     throw InputError("nodal array: " + std::to_string(3 * n) + " values are needed, got " +
                      std::to_string(nodes.size()));
   std::vector<double> slots(std::size_t(arrays.n_blocks + 1) * lanes * 3, 0.0);
-  for (std::size_t i = 0; i < n; ++i) {
-    const std::size_t slot = arrays.node_slot[i], block = slot / lanes, lane = slot % lanes;
-    for (int c = 0; c < 3; ++c)
-      slots[(block * 3 + c) * lanes + lane] = nodes[3 * i + arrays.order[c]];
-  }
+  parallel_for_chunks(n, 16384, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t slot = arrays.node_slot[i], block = slot / lanes, lane = slot % lanes;
+      for (int c = 0; c < 3; ++c)
+        slots[(block * 3 + c) * lanes + lane] = nodes[3 * i + arrays.order[c]];
+    }
+  });
   return slots;
 }
 

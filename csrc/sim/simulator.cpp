@@ -147,9 +147,9 @@ void Simulator::write_step_table(std::size_t n, const double* activations, bool 
     double* row = &table[i * step_reals_];
     row[STEP_VELOCITY] = (1 - half_damping) / (1 + half_damping);
     row[STEP_FORCE] = dt_ * dt_ / (1 + half_damping);
-    // From a given state u(-dt) is not known; u(dt) = u + v dt + a dt^2/2 keeps second order.
+    // A given state has no u(-dt): u(dt) = u + v dt + (f/m - damping v) dt^2/2 keeps second order.
     if (i == 0 && starts_ && !forces_of_now) {
-      row[STEP_VELOCITY] = 1;
+      row[STEP_VELOCITY] = 1 - half_damping;
       row[STEP_FORCE] = dt_ * dt_ / 2;
     }
     for (int c = 0; c < 3; ++c)
@@ -246,8 +246,12 @@ void Simulator::set_dt(double dt) {
 TimeStepBound Simulator::bound_at_rest() const { return time_step_bound(model_, arrays_); }
 
 TimeStepBound Simulator::bound_now() {
-  const std::vector<double> relaxed(model_.muscles.size(), 0.0);
-  return time_step_bound(model_, arrays_, element_state(relaxed).growth);
+  return time_step_bound(model_, arrays_, evaluator().growth(displacement()));
+}
+
+StateEvaluator& Simulator::evaluator() {
+  if (!evaluator_) evaluator_ = std::make_unique<StateEvaluator>(model_, precompute_);
+  return *evaluator_;
 }
 
 std::vector<double> Simulator::internal_force(const std::vector<double>& activations) {
@@ -280,8 +284,7 @@ std::vector<double> Simulator::internal_force(const std::vector<double>& activat
 ElementState Simulator::element_state(const std::vector<double>& activations) {
   if (activations.size() != model_.muscles.size())
     throw InputError("element_state: one activation a muscle is needed");
-  if (!evaluator_) evaluator_ = std::make_unique<StateEvaluator>(model_, precompute_);
-  return evaluator_->evaluate(displacement(), activations);
+  return evaluator().evaluate(displacement(), activations);
 }
 
 std::int64_t Simulator::first_non_finite_node() {

@@ -70,6 +70,7 @@ class Simulator {
   std::vector<double> read_slots(const Buffer& buffer);
   void write_step_table(std::size_t n, const double* activations, bool forces_of_now);
   void bind();
+  StateEvaluator& evaluator();
 
   std::shared_ptr<Device> device_;
   VoxelModel model_;

@@ -48,12 +48,30 @@ StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions option
   kernel_->set_arg(argument++, std::int32_t(0));
   kernel_->set_arg(argument++, std::int32_t(0));
   kernel_->set_arg(argument++, std::int32_t(physical_));
+
+  growth_ = host_->allocate(slots);
+  growth_kernel_ = program_->kernel("element_growth");
+  argument = 0;
+  for (const Buffer* buffer : {u_.get(), growth_.get(), constants_[0].get(), constants_[1].get(),
+                               constants_[5].get()})
+    growth_kernel_->set_arg(argument++, *buffer);
+  growth_kernel_->set_arg(argument, arrays_.n_blocks);
 }
 
 std::unique_ptr<Buffer> StateEvaluator::upload(const void* data, std::size_t bytes) {
   auto buffer = host_->allocate(std::max<std::size_t>(bytes, 8));
   buffer->write(data, bytes);
   return buffer;
+}
+
+std::vector<double> StateEvaluator::growth(const std::vector<double>& u) {
+  const auto slots = nodes_to_slots(arrays_, u);
+  u_->write(slots.data(), bytes_of(slots));
+  growth_kernel_->enqueue(std::size_t(arrays_.n_blocks));
+  const auto* growth = static_cast<const double*>(growth_->host_pointer());
+  std::vector<double> result(arrays_.element_slot.size());
+  for (std::size_t e = 0; e < result.size(); ++e) result[e] = growth[arrays_.element_slot[e]];
+  return result;
 }
 
 ElementState StateEvaluator::evaluate(const std::vector<double>& u,

@@ -21,6 +21,8 @@ class StateEvaluator {
  public:
   StateEvaluator(const VoxelModel& model, PrecomputeOptions options);
   ElementState evaluate(const std::vector<double>& u, const std::vector<double>& activations);
+  // `growth` alone, for the watch during a run.
+  std::vector<double> growth(const std::vector<double>& u);
 
  private:
   std::unique_ptr<Buffer> upload(const void* data, std::size_t bytes);
@@ -29,8 +31,8 @@ class StateEvaluator {
   SolverArrays arrays_;
   bool physical_;
   std::unique_ptr<Program> program_;
-  std::unique_ptr<Kernel> kernel_;
-  std::unique_ptr<Buffer> u_, state_, step_;
+  std::unique_ptr<Kernel> kernel_, growth_kernel_;
+  std::unique_ptr<Buffer> u_, state_, growth_, step_;
   std::vector<std::unique_ptr<Buffer>> constants_;
 };
 

@@ -37,8 +37,10 @@ class CellIndex {
     std::size_t from = begin_[column(i, j)], to = begin_[column(i, j) + 1];
     while (from < to) {
       const std::size_t middle = (from + to) / 2;
-      if (cells_[3 * middle + 2] < k) from = middle + 1;
-      else to = middle;
+      if (cells_[3 * middle + 2] < k)
+        from = middle + 1;
+      else
+        to = middle;
     }
     return from < begin_[column(i, j) + 1] && cells_[3 * from + 2] == k
                ? static_cast<std::int64_t>(from)

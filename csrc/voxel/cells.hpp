@@ -7,9 +7,9 @@
 namespace tledface {
 
 struct CleanedCells {
-  std::vector<char> keep;              // per cell
-  std::size_t loose = 0;               // removed: too few face neighbours
-  std::vector<std::size_t> dropped;    // sizes of the smaller face-connected parts removed, falling
+  std::vector<char> keep;            // per cell
+  std::size_t loose = 0;             // removed: too few face neighbours
+  std::vector<std::size_t> dropped;  // sizes of the smaller face-connected parts removed, falling
 };
 
 // Removes cells with fewer than min_neighbours face neighbours until none is left (0: keeps all),

@@ -55,9 +55,9 @@ class Voxeliser {
     SlabCrossings skin;
     std::vector<SlabCrossings> bones, parts;
     std::vector<std::size_t> near_bones, near_parts;
-    std::vector<std::uint8_t> state;       // of each sample of a voxel column
-    std::vector<std::uint64_t> in_parts;   // bit per muscle surface
-    std::vector<double> moments;           // m0 m1 m2 a tissue, of one voxel
+    std::vector<std::uint8_t> state;      // of each sample of a voxel column
+    std::vector<std::uint64_t> in_parts;  // bit per muscle surface
+    std::vector<double> moments;          // m0 m1 m2 a tissue, of one voxel
   };
 
   std::array<std::int64_t, 2> allowed_range(int axis) const;
@@ -134,7 +134,8 @@ bool Voxeliser::mark_column(std::int64_t i, std::int64_t j, Scratch& scratch,
   std::int64_t low = lattice_.count[2], high = 0;
   for (int a = 0; a < n_; ++a) {
     const std::size_t row = static_cast<std::size_t>(a * lattice_.count[1] + j * n_);
-    for (std::uint32_t item = scratch.skin.begin[row]; item < scratch.skin.begin[row + n_]; ++item) {
+    for (std::uint32_t item = scratch.skin.begin[row]; item < scratch.skin.begin[row + n_];
+         ++item) {
       low = std::min<std::int64_t>(low, scratch.skin.items[item].sample);
       high = std::max<std::int64_t>(high, scratch.skin.items[item].sample);
     }
@@ -157,7 +158,8 @@ bool Voxeliser::mark_column(std::int64_t i, std::int64_t j, Scratch& scratch,
   scratch.state.assign(n_samples, 0);
   mark_runs(scratch.skin, j, k_range, [&](std::size_t s) { scratch.state[s] |= kInside; });
   for (const auto bone : scratch.near_bones)
-    mark_runs(scratch.bones[bone], j, k_range, [&](std::size_t s) { scratch.state[s] |= kBlocked; });
+    mark_runs(scratch.bones[bone], j, k_range,
+              [&](std::size_t s) { scratch.state[s] |= kBlocked; });
   if (!parts_.empty()) scratch.in_parts.assign(n_samples, 0);
   for (const auto part : scratch.near_parts)
     mark_runs(scratch.parts[part], j, k_range,
@@ -179,8 +181,10 @@ Depth Voxeliser::depth_at(const Vec3& p, bool inside, const ClosestPoint& hit) c
   const double distance = std::sqrt(hit.distance2);
   Depth result{inside ? distance : -distance, {}};
   // Within rounding of the surface the way to it has no direction: the face has.
-  if (distance > 1e-9 * radius_) result.gradient = (1 / result.depth) * (p - hit.point);
-  else result.gradient = -1.0 * outer_.face_normal(hit.face);
+  if (distance > 1e-9 * radius_)
+    result.gradient = (1 / result.depth) * (p - hit.point);
+  else
+    result.gradient = -1.0 * outer_.face_normal(hit.face);
   return result;
 }
 
@@ -234,7 +238,8 @@ void Voxeliser::add_uniform(const Vec3& gradient, std::size_t layer, std::size_t
           m[1] += weight * z;
           m[2] += weight * second;
         };
-        if (count == 0) add(layer, share);
+        if (count == 0)
+          add(layer, share);
         else
           for (std::size_t part = 0; part < parts_.size(); ++part)
             if (mask >> part & 1) add(n_layers_ + part, share / count);
@@ -271,14 +276,12 @@ void Voxeliser::emit(std::int64_t i, std::int64_t j, std::int64_t k, const Vec3&
                      Scratch& scratch, Voxels& out) const {
   double total = 0;
   for (std::size_t t = 0; t < n_tissues(); ++t) total += scratch.moments[3 * t];
-  // Rounding of a sum of n^3 shares must not decide whether a half-filled voxel is kept.
-  if (!(total > 0) || total < in_.fill - 1e-9) return;
+  if (!(total > 0)) return;
   for (const std::int64_t index : {i, j, k}) out.cells.push_back(static_cast<std::int32_t>(index));
-  out.fill.push_back(std::min(total, 1.0));
   for (std::size_t t = 0; t < n_tissues(); ++t) {
-    out.fractions.push_back(scratch.moments[3 * t] / total);
-    out.first.push_back(scratch.moments[3 * t + 1] / total);
-    out.second.push_back(scratch.moments[3 * t + 2] / total);
+    out.shares.push_back(scratch.moments[3 * t]);
+    out.first.push_back(scratch.moments[3 * t + 1]);
+    out.second.push_back(scratch.moments[3 * t + 2]);
   }
   for (int a = 0; a < 3; ++a) out.normal.push_back(normal[a]);
 }
@@ -333,8 +336,8 @@ void Voxeliser::work_slab(std::int64_t i, Voxels& out) const {
           continue;
         }
       }
-      const ClosestPoint hit = outer_.closest(
-          centre, std::numeric_limits<double>::infinity(), last_face);
+      const ClosestPoint hit =
+          outer_.closest(centre, std::numeric_limits<double>::infinity(), last_face);
       last_face = hit.face;
       const double reach = std::sqrt(hit.distance2);
       // Nearer than the radius the centre may lie on either side; farther it is on the samples'.
@@ -349,7 +352,8 @@ void Voxeliser::work_slab(std::int64_t i, Voxels& out) const {
       const std::size_t layer = layer_at(std::max(low, 0.0));
       if (low >= 0 && high <= in_.cap && layer == layer_at(high))
         add_uniform(at.gradient, layer, first, scratch);
-      else add_sampled(centre, at, hit.face, first, scratch);
+      else
+        add_sampled(centre, at, hit.face, first, scratch);
       emit(i, j, k, at.gradient, scratch, out);
     }
   }
@@ -365,26 +369,25 @@ void append(std::vector<T>& to, std::vector<T>& from) {
 
 Voxels voxelise(const VoxeliseInput& input) {
   if (input.samples < 1 || input.samples > kMaxSamples)
-    throw InputError("samples: got " + std::to_string(input.samples) +
-                     ", allowed is 1 to " + std::to_string(kMaxSamples) + " a voxel edge");
+    throw InputError("samples: got " + std::to_string(input.samples) + ", allowed is 1 to " +
+                     std::to_string(kMaxSamples) + " a voxel edge");
   if (input.parts.size() > static_cast<std::size_t>(kMaxParts))
     throw InputError("muscles: got " + std::to_string(input.parts.size()) +
                      " surfaces, allowed are up to " + std::to_string(kMaxParts) +
                      "; join surfaces of one muscle into one file");
   if (input.outer.faces.empty())
-    throw InputError("outer: no skin face lies in its boxes, so no depth can be measured; a box must "
-                     "hold the middles of the outer faces");
+    throw InputError(
+        "outer: no skin face lies in its boxes, so no depth can be measured; a box must "
+        "hold the middles of the outer faces");
   const Voxeliser worker(input);
   std::vector<Voxels> slabs(static_cast<std::size_t>(input.grid.count[0]));
-  parallel_for(slabs.size(), [&](std::size_t i) {
-    worker.work_slab(static_cast<std::int64_t>(i), slabs[i]);
-  });
+  parallel_for(slabs.size(),
+               [&](std::size_t i) { worker.work_slab(static_cast<std::int64_t>(i), slabs[i]); });
   Voxels result;
   result.n_tissues = worker.n_tissues();
   for (Voxels& slab : slabs) {
     append(result.cells, slab.cells);
-    append(result.fill, slab.fill);
-    append(result.fractions, slab.fractions);
+    append(result.shares, slab.shares);
     append(result.first, slab.first);
     append(result.second, slab.second);
     append(result.normal, slab.normal);

@@ -115,9 +115,8 @@ def _assemble(scene: Scene, voxels: VoxelSet, surfaces_per_muscle: list[int]) ->
     """Merge the surfaces of each muscle into one tissue and make the model."""
     layers, muscles = scene.layers, scene.muscles
     materials = [*(layer.material for layer in layers), *(muscle.material for muscle in muscles)]
-    tissue_of = np.concatenate(
-        [np.arange(len(layers)), len(layers) + np.repeat(np.arange(len(muscles)), surfaces_per_muscle)]
-    ).astype(int)
+    muscle_of = np.repeat(np.arange(len(muscles)), surfaces_per_muscle)
+    tissue_of = np.concatenate([np.arange(len(layers)), len(layers) + muscle_of]).astype(int)
     fractions = np.zeros((len(voxels.cells), len(materials)))
     for column, tissue in enumerate(tissue_of):
         fractions[:, tissue] += voxels.fractions[:, column]
@@ -187,14 +186,15 @@ def _fix_boxes(model: Model, scene: Scene) -> list[str]:
     margin = _BOX_MARGIN * model.voxel
     for number, spec in enumerate(scene.boundary.fixed):
         low, high = (np.asarray(corner) for corner in spec.box)
-        where = ((model.nodes >= low - margin) & (model.nodes <= high + margin)).all(axis=1)
+        within = (model.nodes >= low - margin) & (model.nodes <= high + margin)
+        where = np.asarray(within.all(axis=1))
         if where.any():
             model.fix(where, spec.components)
             continue
         span = np.stack([model.nodes.min(axis=0), model.nodes.max(axis=0)])
         problems.append(
-            f"boundary.fixed[{number}]: no node lies in the box {_show_box(np.stack([low, high]))}; "
-            f"the nodes span {_show_box(span)}"
+            f"boundary.fixed[{number}]: no node lies in the box "
+            f"{_show_box(np.stack([low, high]))}; the nodes span {_show_box(span)}"
         )
     return problems
 

@@ -23,7 +23,11 @@ _BATCH = 50
 
 @dataclass(frozen=True)
 class Check:
-    """Counts, sizes (bytes), times (s) of a scene on a device."""
+    """Counts, sizes (bytes), times (s) of a scene on a device.
+
+    ``tissues`` and ``muscles`` count the voxels that hold some of each, ``memory_bytes`` is the
+    peak of the process while building and simulating.
+    """
 
     scene: str
     elements: int
@@ -52,10 +56,11 @@ class Check:
         return "\n".join(
             [
                 f"scene      {self.scene}: valid",
-                f"voxels     {self.elements:,} ({tissues}), {self.nodes:,} nodes, "
-                f"{self.fixed_nodes:,} held, {self.dropped_voxels:,} loose voxels left out",
+                f"voxels     {self.elements:,}; {self.dropped_voxels:,} loose ones left out",
+                f"nodes      {self.nodes:,}, {self.fixed_nodes:,} of them held",
+                f"tissues    {tissues} (voxels that hold some)",
                 f"muscles    {muscles or 'none'}",
-                f"memory     {memory} at most so far (building and simulating)",
+                f"memory     {memory} at most while building and simulating",
                 f"time step  {self.dt_s * 1e6:.3g} us; the bound is {self.dt_crit_s * 1e6:.3g} us, "
                 f"set by {self.dt_tissue}",
                 f"time       about {_duration(self.estimated_s)} for {self.steps:,} steps "
@@ -74,21 +79,22 @@ def check_scene(scene: Scene, *, device: Any = "auto", quiet: bool = False) -> C
         model = scene.build()
     with spinner("timing some steps", quiet=quiet):
         sim = simulator_of(scene, model, opened)
+        dt, dt_crit = sim.dt, sim.dt_crit
         step_time = _time_step(sim)
     report = model.report
-    main_tissue = model.fractions.argmax(axis=1)
-    steps = round(scene.solver.duration / sim.dt)
+    holding = (model.fractions > 0.0).sum(axis=0)
+    steps = round(scene.solver.duration / dt)
     return Check(
         scene=str(scene.path or "scene"),
         elements=model.n_elements,
         nodes=model.n_nodes,
-        tissues={name: int((main_tissue == i).sum()) for i, name in enumerate(model.tissues)},
+        tissues={name: int(n) for name, n in zip(model.tissues, holding, strict=True)},
         muscles={muscle.name: len(muscle.elements) for muscle in model.muscles},
         fixed_nodes=int(model.fixed.any(axis=1).sum()),
         dropped_voxels=sum(report["dropped_components"]) + report["dropped_loose_voxels"],
         memory_bytes=_peak_memory(),
-        dt_s=float(sim.dt),
-        dt_crit_s=float(sim.dt_crit),
+        dt_s=dt,
+        dt_crit_s=dt_crit,
         dt_tissue=sim.dt_crit_tissue,
         steps=steps,
         estimated_s=steps * step_time,

@@ -1,7 +1,7 @@
 """Folds of a run's surface: measured along the fibres of the muscle that pulls hardest.
 
 Lines run along the mean fibre direction, over the part of the outer surface that lies above the
-muscle; heights are along that surface's mean normal at rest. The line with the median number of
+contracted muscle (the steps at its ends are its own bulge, not folds); heights are along that surface's mean normal at rest. The line with the median number of
 folds (of several such, the one with the highest) stands for all.
 """
 
@@ -26,8 +26,6 @@ Boxes = Sequence[tuple[tuple[float, float, float], tuple[float, float, float]]]
 
 _LINES = 9
 _SAMPLES = 800
-# Lines reach this share of the muscle's length beyond its ends: folds also form next to it.
-_OVERHANG = 0.25
 _NEAREST_SAMPLES = 400
 
 
@@ -91,14 +89,14 @@ def measure_folds(
         return None
     along /= np.linalg.norm(along)
     across = np.cross(up, along)
-    start, end = np.quantile(centres @ along, [0.02, 0.98])
-    overhang = _OVERHANG * (end - start) + float(model.voxel.max())
-    height = float((centres @ up).mean())
+    now = centres + u[model.elements[muscle.elements]].mean(axis=1)
+    start, end = np.quantile(now @ along, [0.02, 0.98])
+    height = float((now @ up).mean())
     moved = bound.displaced(u)
     found = []
-    for offset in np.quantile(centres @ across, np.linspace(0.2, 0.8, _LINES)):
+    for offset in np.quantile(now @ across, np.linspace(0.2, 0.8, _LINES)):
         foot = offset * across + height * up
-        ends = (foot + (start - overhang) * along, foot + (end + overhang) * along)
+        ends = (foot + start * along, foot + end * along)
         line = _measure(moved, bound.faces, ends, up)
         found.append(Folds(muscle.name, line.count, line.wavelength, line.amplitude, ends, up))
     counts = sorted(folds.count for folds in found)

@@ -32,6 +32,9 @@ _DEGREE = 4
 _WINDOW = 0.368
 
 
+_NO_FOLDS = (np.empty(0), np.empty(0), np.empty(0, dtype=bool))
+
+
 @dataclass(frozen=True, eq=False)
 class WrinkleMetrics:
     """Folds of a line, or of a patch taken line by line.
@@ -40,7 +43,8 @@ class WrinkleMetrics:
         count: Number of folds; for a patch the median over its lines, rounded.
         wavelength: m, mean distance between neighbouring ridges; NaN with fewer than two.
         amplitude: m, mean height of the ridges above the chord between their two valleys (peak
-            to valley, less shape); 0 without folds.
+            to valley, less shape); 0 without folds. Ridges that the end of the line cuts off
+            from one valley count only if there are no others.
         positions: m, positions of the ridges along each line, one array per line.
         heights: m, height of each of those ridges above its chord.
         counts: Folds of each line.
@@ -82,6 +86,9 @@ def wrinkles(
 ) -> WrinkleMetrics:
     """Count and measure the folds of a line or a patch.
 
+    Of a sine the height comes out within 5 % up to 0.4 ``shape_wavelength`` and up to 20 % low
+    at 0.6 ``shape_wavelength``.
+
     Args:
         heights: (n,) a line, or (lines, n) a patch whose rows are lines across the folds, m.
             Of a line with NaN only the longest finite stretch counts.
@@ -99,19 +106,21 @@ def wrinkles(
     lowest points that separate it from higher ground or from the end of the line.
     """
     patch, window = _checked_lines(heights, spacing, shape_wavelength)
-    positions, amplitudes = [], []
+    positions, amplitudes, whole = [], [], []
     for line in patch:
         start, stop = _longest_finite(line)
-        ridges, folds = np.empty(0), np.empty(0)
+        ridges, folds, bounded = _NO_FOLDS
         if stop - start >= _MIN_SAMPLES:
-            ridges, folds = _line_folds(
-                _detail(line[start:stop], window), min_prominence, relative_prominence
+            ridges, folds, bounded = _line_folds(
+                line[start:stop], window, min_prominence, relative_prominence
             )
         positions.append((start + ridges) * spacing)
         amplitudes.append(folds)
+        whole.append(bounded)
     counts = np.array([len(ridges) for ridges in positions])
     gaps = np.concatenate([np.diff(ridges) for ridges in positions])
-    folds = np.concatenate(amplitudes)
+    folds, bounded = np.concatenate(amplitudes), np.concatenate(whole)
+    folds = folds[bounded] if bounded.any() else folds
     return WrinkleMetrics(
         count=int(np.floor(np.median(counts) + 0.5)),
         wavelength=float(gaps.mean()) if len(gaps) else float("nan"),
@@ -202,10 +211,11 @@ def line_profile(
     Exact: triangles are cut by the plane of the line and the heights.
     """
     points, triangles = _checked_surface(vertices, faces)
-    first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    upward = np.asarray(direction, dtype=np.float64)
-    upward = upward / np.linalg.norm(upward)
-    along = last - first - ((last - first) @ upward) * upward
+    first: Floats = np.asarray(start, dtype=np.float64)
+    last: Floats = np.asarray(end, dtype=np.float64)
+    upward: Floats = np.array(direction, dtype=np.float64)
+    upward /= float(np.linalg.norm(upward))
+    along: Floats = last - first - ((last - first) @ upward) * upward
     length = float(np.linalg.norm(along))
     if not length > 0.0 or not (np.isfinite(spacing) and 0.0 < spacing <= length):
         raise InputError(
@@ -244,7 +254,7 @@ def line_profile(
     heights = np.full(n_samples, -np.inf)
     np.maximum.at(heights, sample, height + first @ upward)
     heights[np.isneginf(heights)] = np.nan
-    distance: Floats = np.arange(n_samples) * float(spacing)
+    distance: Floats = np.arange(n_samples, dtype=np.float64) * float(spacing)
     return distance, heights
 
 
@@ -309,9 +319,10 @@ def _smoother(n: int, window: float) -> Floats:
 
 
 def _line_folds(
-    level: Floats, min_prominence: float, relative_prominence: float
-) -> tuple[Floats, Floats]:
-    """Ridge positions in samples and fold heights of a line less its shape."""
+    line: Floats, window: float, min_prominence: float, relative_prominence: float
+) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Ridge positions in samples, fold heights, and whether both valleys lie in the line."""
+    level = _detail(line, window)
     # Ridges by runs of equal values, so that a flat top counts once, at its middle.
     starts = np.flatnonzero(np.concatenate([[True], level[1:] != level[:-1]]))
     stops = np.append(starts[1:], len(level))
@@ -321,25 +332,29 @@ def _line_folds(
     ridges = (starts[runs] + stops[runs] - 1) // 2
     prominence = np.array([_prominence(level, ridge) for ridge in ridges])
     if not len(ridges):
-        return np.empty(0), np.empty(0)
+        return _NO_FOLDS
     ridges = ridges[prominence >= max(min_prominence, relative_prominence * prominence.max())]
     if not len(ridges):
-        return np.empty(0), np.empty(0)
+        return _NO_FOLDS
     reach = int(np.ceil(np.diff(ridges).mean())) if len(ridges) > 1 else len(level)
     last = len(level) - 1
     bounds = [max(0, ridges[0] - reach), *ridges, min(last, ridges[-1] + reach)]
     valleys = np.array([a + int(np.argmin(level[a : b + 1])) for a, b in pairwise(bounds)])
     left, right = valleys[:-1], valleys[1:]
-    kept = (left > 0) | (right < last)
+    # The end of a line cuts through a slope. It is no valley: the other one serves alone, and a
+    # slope that comes down from the end makes no ridge, though the fit may leave one there.
+    open_left, open_right = left == 0, right == last
+    kept = ~(open_left & open_right)
+    kept &= ~(open_left & (line[0] > line[ridges])) & ~(open_right & (line[last] > line[ridges]))
     ridges, left, right = ridges[kept], left[kept], right[kept]
-    # The end of a line cuts through a slope: it is no valley, and the other one serves alone.
+    whole = ~(open_left | open_right)[kept]
     left, right = np.where(left > 0, left, right), np.where(right < last, right, left)
     share = np.where(left < right, (ridges - left) / np.maximum(right - left, 1), 0.0)
     chord = level[left] + share * (level[right] - level[left])
     before, top, after = level[ridges - 1], level[ridges], level[ridges + 1]
     bend = before - 2.0 * top + after
     offset = np.divide(0.5 * (before - after), bend, out=np.zeros(len(bend)), where=bend < 0.0)
-    return ridges + offset, top - chord
+    return ridges + offset, top - chord, whole
 
 
 def _prominence(level: Floats, ridge: int) -> float:

@@ -99,7 +99,7 @@ def wrinkle_picture(
     width = 16.0
     panel_width = 0.47 * width
     panel_height = min(panel_width * rows / columns, 8.0)
-    height = panel_height + 4.3
+    height = panel_height + (4.3 if title else 3.95)
     figure = Figure(figsize=(width, height), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     bottom = 3.5 / height

@@ -28,8 +28,11 @@ __all__ = ["Simulator"]
 # Share of the bound that dt="auto" takes. The bound is below the true limit already; the rest is
 # for what the fibres and the strain do to the stiffness until the next check.
 _SAFETY = 0.9
-# Steps between two looks at the state: finite, and the bound for the strain of now.
-_CHECK_EVERY = 512
+# Steps between two looks at the state (finite? the bound for the strain of now?): few at first and
+# while the bound is falling, then more. A look costs as much as some 20 steps.
+_FIRST_CHECK, _LAST_CHECK = 32, 512
+# The bound is falling when a look finds it lower than this share of the one before.
+_FALLING = 0.98
 
 
 class Simulator:
@@ -73,6 +76,7 @@ class Simulator:
         _check_number("mass_scaling", scaling, least=1.0, unit="a factor")
         self.model = model
         self._device = device_module.resolve(device)
+        self._mass_scaling = scaling
         self._core = _core.Simulator(
             self._device,
             _core_model(model),
@@ -87,7 +91,7 @@ class Simulator:
         self._rest_bound, _, self._critical_element = self._core.bound_at_rest()
         self._auto_dt = dt == "auto"
         self._core.dt = self._first_dt(dt)
-        self._since_check = 0
+        self._restart_checks()
 
     def __repr__(self) -> str:
         """Say what runs where."""
@@ -120,11 +124,11 @@ class Simulator:
             raise InputError(f"step: got {n!r}; allowed: a whole number of steps, 0 or more")
         left = int(n)
         while left > 0:
-            batch = min(left, _CHECK_EVERY - self._since_check)
+            batch = min(left, self._until_check)
             self._core.step(batch, self._sampled(batch))
             left -= batch
-            self._since_check += batch
-            if self._since_check >= _CHECK_EVERY:
+            self._until_check -= batch
+            if self._until_check == 0:
                 self._check_state()
 
     def run(
@@ -151,11 +155,11 @@ class Simulator:
         frame = 0 if fps is None else math.floor(self.time * fps + 1e-9) + 1
         while (left := round((until - self.time) / self.dt)) > 0:
             if on_frame is None or fps is None:
-                self.step(min(left, _CHECK_EVERY - self._since_check))
+                self.step(min(left, self._until_check))
                 continue
             # A check may change dt, so a frame is approached at most one check at a time.
             to_frame = round((frame / fps - self.time) / self.dt)
-            self.step(max(0, min(left, to_frame, _CHECK_EVERY - self._since_check)))
+            self.step(max(0, min(left, to_frame, self._until_check)))
             if round((frame / fps - self.time) / self.dt) <= 0:
                 self._require_finite()
                 on_frame(self)
@@ -191,10 +195,7 @@ class Simulator:
     @property
     def dt_crit_tissue(self) -> str:
         """The tissue, or muscle, whose element sets the bound at rest."""
-        for muscle in self.model.muscles:
-            if self._critical_element in muscle.elements:
-                return muscle.name
-        return self.model.tissue_of(self._critical_element)
+        return self._name_of(self._critical_element)
 
     @property
     def u(self) -> NDArray[np.float64]:
@@ -211,6 +212,11 @@ class Simulator:
         """Lumped nodal mass, (n_nodes,) kg, mass scaling included."""
         return np.asarray(self._core.node_masses())
 
+    @property
+    def device_bytes(self) -> int:
+        """Memory of the model's arrays on the device, bytes."""
+        return int(self._core.device_bytes)
+
     def set_state(
         self, u: ArrayLike, velocity: ArrayLike | None = None, *, time: float = 0.0
     ) -> None:
@@ -223,7 +229,7 @@ class Simulator:
         given = _checked_field("u", u, shape)
         speed = np.empty(0) if velocity is None else _checked_field("velocity", velocity, shape)
         self._core.set_state(given, speed, time)
-        self._since_check = 0
+        self._restart_checks()
 
     def array(self, name: str) -> Any:
         """Share the device's own array: ``"u"``, (n_blocks + 1, 3, lanes), in solver order.
@@ -318,7 +324,7 @@ class Simulator:
             raise InputError(
                 f"dt: got {dt:.3g} s, above the stable bound {self._rest_bound:.3g} s set by "
                 f"{self.dt_crit_tissue}; take a smaller step, 'auto', or mass_scaling = "
-                f"{(dt / self._rest_bound) ** 2:.2g}"
+                f"{self._mass_scaling * (dt / self._rest_bound) ** 2:.2g}"
             )
         return float(dt)
 
@@ -329,26 +335,40 @@ class Simulator:
             table[:, column] = schedule.sample(times)
         return table
 
+    def _restart_checks(self) -> None:
+        self._check_interval = self._until_check = _FIRST_CHECK
+        self._last_bound, self._stiffest = self._rest_bound, self._critical_element
+
     def _check_state(self) -> None:
-        self._since_check = 0
         self._require_finite()
-        if not self._auto_dt:
-            return
-        bound = float(self._core.bound_now()[0])
-        if 0.0 < bound < self.dt / _SAFETY * 0.98:
+        bound, _, stiffest = self._core.bound_now()
+        falling = bound < _FALLING * self._last_bound
+        self._check_interval = (
+            max(_FIRST_CHECK, self._check_interval // 2)
+            if falling
+            else min(_LAST_CHECK, 2 * self._check_interval)
+        )
+        self._until_check = self._check_interval
+        self._last_bound, self._stiffest = bound, stiffest
+        if self._auto_dt and 0.0 < bound < _FALLING * self.dt / _SAFETY:
             self._core.dt = _SAFETY * bound
 
     def _require_finite(self) -> None:
-        node = self._core.first_non_finite_node()
-        if node < 0:
+        if self._core.first_non_finite_node() < 0:
             return
-        element = int(np.flatnonzero((self.model.elements == node).any(axis=1))[0])
+        # By now everything may be NaN; what went first is what was stiffest at the last look.
         raise SimulationError(
-            f"the state is no longer finite: step {self.n_steps}, t = {self.time:.6g} s, first at "
-            f"element {element} ({self.model.tissue_of(element)}), dt = {self.dt:.3g} s, "
-            f"dt_crit at rest = {self._rest_bound:.3g} s; take a smaller dt, lower the "
+            f"the state is no longer finite: step {self.n_steps}, t = {self.time:.6g} s, near "
+            f"element {self._stiffest} ({self._name_of(self._stiffest)}), dt = {self.dt:.3g} s, "
+            f"dt_crit at the last check = {self._last_bound:.3g} s; take a smaller dt, lower the "
             "activation or raise the damping"
         )
+
+    def _name_of(self, element: int) -> str:
+        for muscle in self.model.muscles:
+            if element in muscle.elements:
+                return muscle.name
+        return self.model.tissue_of(element)
 
 
 class _HostMemory:

@@ -79,12 +79,13 @@ def test_check_reports_and_writes_nothing(call, tmp_path, monkeypatch):
     before = sorted(tmp_path.iterdir())
     result = call("check", scene)
     assert result.exit_code == 0, result.output
-    for words in ("2,880", "dermis", "set by pull", "1,000 steps", "6 loose voxels", "fake CPU"):
+    for words in ("2,880", "dermis", "set by pull", "1,000 steps", "6 loose ones", "fake CPU"):
         assert words in result.stdout
     found = json.loads(call("check", scene, "--json").stdout)
     assert found["elements"] == 2880
     assert found["dt_tissue"] == "pull"
     assert found["muscles"] == {"pull": 1440}
+    assert found["tissues"] == {"dermis": 2880}
     assert sorted(tmp_path.iterdir()) == before
 
 

@@ -38,6 +38,12 @@ def test_waves_along_the_strongest_muscle_are_measured(model):
     assert "mm apart" in folds.text()
 
 
+def test_the_median_line_stands_for_all(model):
+    u = waves(model, 2e-3, 0.012) * (model.nodes[:, 1:2] > 0.0045)
+    folds = measure_folds(model, "surface", u, {"pull": 3e6}, TOP)
+    assert folds.count == 5
+
+
 def test_a_flat_surface_has_no_folds(model):
     folds = measure_folds(model, "surface", np.zeros_like(model.nodes), {"pull": 3e6}, TOP)
     assert folds.count == 0

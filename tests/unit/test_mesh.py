@@ -94,7 +94,8 @@ def test_cavity_is_kept(sphere, inverted):
 
 
 def test_separate_inverted_part_is_turned(sphere):
-    vertices = np.concatenate([sphere.vertices, sphere.vertices + [0.2, 0, 0]])
+    beside = sphere.vertices + np.array([0.2, 0, 0])
+    vertices = np.concatenate([sphere.vertices, beside])
     faces = np.concatenate([sphere.faces, sphere.faces[:, ::-1] + len(sphere.vertices)])
     solid = prepare(vertices, faces)
     assert solid.report["inverted_components"] == 1
@@ -102,7 +103,9 @@ def test_separate_inverted_part_is_turned(sphere):
 
 
 def test_large_hole_is_refused(sphere):
-    with pytest.raises(InputError, match=r"^mesh: the surface is open: \d+ open edges in 1 hole, ") as e:
+    with pytest.raises(
+        InputError, match=r"^mesh: the surface is open: \d+ open edges in 1 hole, "
+    ) as e:
         prepare(sphere.vertices, sphere.faces[sphere.triangles_center[:, 2] < 0.03])
     assert "mm around" in str(e.value) and "close" in str(e.value)
     assert "\n" not in str(e.value)
@@ -167,8 +170,12 @@ def test_closest_point_against_brute_force():
     points[:20] = solid.vertices[:20]
     distance2, face, closest, side = solid.closest_points(points)
     triangles = solid.vertices[solid.faces]
-    np.testing.assert_allclose(np.sqrt(distance2), brute_force_distance(points, triangles), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.norm(points - closest, axis=1), np.sqrt(distance2), atol=1e-12)
+    np.testing.assert_allclose(
+        np.sqrt(distance2), brute_force_distance(points, triangles), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        np.linalg.norm(points - closest, axis=1), np.sqrt(distance2), atol=1e-12
+    )
     on_face = trimesh.triangles.closest_point(triangles[face], closest)
     np.testing.assert_allclose(on_face, closest, atol=1e-12)
     assert (side[:20] == 0).all()

@@ -119,6 +119,26 @@ def test_thin_layers_of_a_flat_block_are_exact():
     np.testing.assert_allclose(voxels.normal, np.tile((0, 0, -1.0), (900, 1)), atol=1e-12)
 
 
+@pytest.mark.parametrize("height", [4.45e-3, 4.7e-3, 4.9e-3])
+def test_thin_layer_survives_where_its_voxel_is_left_out(height):
+    surface = solid(box([0, 0, 0], [5e-3, 5e-3, height]))
+    top = [((-1, -1, height - 1e-6), (1, 1, height + 1e-6))]
+    voxels = voxelise(surface, voxel=5e-4, boundaries=(2e-5,), outer=top)
+    thickness = voxels.fractions[:, 0].sum() * 5e-4**3 / 25e-6
+    filled = height / 5e-4 - voxels.cells[:, 2].max()
+    assert thickness == pytest.approx(2e-5 / filled, rel=1e-6)
+    tied = section_ratio(voxels, [1.0, 1.0])
+    np.testing.assert_allclose(tied, 1.0, rtol=1e-9)
+
+
+def test_thin_layer_keeps_its_mean_thickness_on_a_slope():
+    mesh = box([-8e-3, -8e-3, -3e-3], [8e-3, 8e-3, 3e-3])
+    mesh.apply_transform(trimesh.transformations.euler_matrix(0.3, 0.5, 0.7))
+    voxels = voxelise(solid(mesh), voxel=5e-4, boundaries=(2e-5,))
+    thickness = voxels.fractions[:, 0].sum() * 5e-4**3 / mesh.area
+    assert thickness == pytest.approx(2e-5, rel=0.15)
+
+
 def test_section_ratio_of_two_layers_is_analytic():
     surface = solid(box([0, 0, 0], [5e-3, 5e-3, 4.5e-3]))
     voxels = voxelise(surface, voxel=5e-4, boundaries=(2e-5, 1.82e-3), outer=TOP)
@@ -126,9 +146,7 @@ def test_section_ratio_of_two_layers_is_analytic():
     ratio = section_ratio(voxels, moduli)
     h, t = 5e-4, 2e-5
     z = np.array([-h / 2, -h / 2 + t, h / 2])
-    stretch, first, second = (
-        moduli[:2] @ np.diff(z**power) / power / h for power in (1, 2, 3)
-    )
+    stretch, first, second = (moduli[:2] @ np.diff(z**power) / power / h for power in (1, 2, 3))
     expected = 12 * (second - first**2 / stretch) / h**2 / stretch
     np.testing.assert_allclose(ratio[voxels.cells[:, 2] == 8], expected, rtol=1e-9)
     np.testing.assert_array_equal(ratio[voxels.cells[:, 2] == 4], 1.0)
@@ -138,7 +156,9 @@ def test_layer_volumes_of_a_sphere():
     radius, thickness = 0.01, (5e-5, 2e-3)
     surface = solid(trimesh.creation.icosphere(subdivisions=5, radius=radius))
     depth = np.cumsum(thickness)
-    voxels = voxelise(surface, voxel=1e-3, boundaries=depth.tolist(), samples=8, fill=1e-9, clean=False)
+    voxels = voxelise(
+        surface, voxel=1e-3, boundaries=depth.tolist(), samples=8, fill=1e-9, clean=False
+    )
     radii = np.array([radius, *(radius - depth), 0.0])
     shells = -np.diff(4 / 3 * np.pi * radii**3)
     np.testing.assert_allclose(tissue_volumes(voxels), shells, rtol=0.01)
@@ -158,7 +178,7 @@ def test_depth_cap_and_region():
     part = voxelise(surface, voxel=1e-3, region=(low, high))
     assert part.origin[0] == pytest.approx(2e-3)
     assert len(part.cells) == 3 * 100
-    with pytest.raises(InputError, match="region: .* does not meet the skin"):
+    with pytest.raises(InputError, match=r"region: .* does not meet the skin"):
         voxelise(surface, voxel=1e-3, region=((1, 1, 1), (2, 2, 2)))
 
 

@@ -63,6 +63,7 @@ struct Wrapper<kFunction> {
 constexpr KernelEntry kEntries[] = {
     TLED_ENTRY(step_rows_physical),  TLED_ENTRY(step_rows_kappa), TLED_ENTRY(force_rows_physical),
     TLED_ENTRY(force_rows_kappa), TLED_ENTRY(element_state),
+    TLED_ENTRY(element_growth),
 };
 constexpr tledface::native::KernelTable kTable = {
     TLED_INSTRUCTION_SET, TLED_LANES, kEntries, sizeof kEntries / sizeof kEntries[0]};

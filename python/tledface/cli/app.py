@@ -56,4 +56,4 @@ for _verb in (
 
 def main() -> None:
     """The console script."""
-    app()
+    app(prog_name="tledface")

@@ -1,8 +1,9 @@
 """The flat skin block of Warburton and Maddock (2014), Tables I and II, as surfaces and a scene.
 
 60 x 60 x 4.5 mm of skin (stratum corneum, dermis, hypodermis) at 0.5 mm voxels, a frontalis band
-over the middle near the bottom with its fibres along x. The bottom slides in its plane, the two
-ends across the fibres are rigid. The muscle pulls the skin above it together into folds.
+over the middle near the bottom with its fibres along x. The bottom slides in its plane, the sides
+are free (rigid ends would stretch the skin beside the muscle and halve the folds). The muscle pulls
+the skin above it together into four folds 6 mm apart; skin of one material only bulges.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from tledface.io.surfaces import write_surface
 
 __all__ = ["LENGTH", "THICKNESS", "WIDTH", "write"]
 
-# mm. The band ends half a block's length from each other: folds of 6 to 7 mm then number three.
+# mm. A band of this length shortens to 27 mm, which holds four folds; 30 mm long, three.
 LENGTH, WIDTH, THICKNESS = 60.0, 60.0, 4.5
-BAND_LOW = (15.0, 10.0, 0.5)
-BAND_HIGH = (45.0, 50.0, 1.5)
+BAND_LOW = (10.0, 10.0, 0.5)
+BAND_HIGH = (50.0, 50.0, 1.5)
 
 _LAYERS = (
     ("stratum corneum", 0.02, "48 MPa"),
@@ -124,6 +125,8 @@ def _scene(
 # Flat skin block: Warburton and Maddock (2014), Tables I and II. Made by tledface.
 schema = 1
 units = "mm"
+# The corneum's stiffness is blended into its voxel, as in the paper; "section" gives finer folds.
+layer_bending = "blended"
 
 [geometry]
 skin = "skin.stl"
@@ -148,8 +151,6 @@ activation = {{ ramp = [0.0, 0.75], over = "50 ms" }}
 [boundary]
 fixed = [
   {{ box = [[-1, -1, -0.01], [{LENGTH + 1:g}, {WIDTH + 1:g}, 0.01]], components = "z" }},
-  {{ box = [[-0.01, -1, -1], [0.01, {WIDTH + 1:g}, {THICKNESS + 1:g}]] }},
-  {{ box = [[{LENGTH - 0.01:g}, -1, -1], [{LENGTH + 0.01:g}, {WIDTH + 1:g}, {THICKNESS + 1:g}]] }},
 ]
 
 [solver]

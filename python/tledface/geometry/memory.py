@@ -12,8 +12,8 @@ from tledface.errors import InputError
 
 __all__ = ["available_memory", "check_memory", "estimate_voxels"]
 
-# Bytes a voxel while it is sampled, numbered and simulated, without and for each tissue: measured
-# peaks of a 4-million-voxel build with 4 tissues, rounded up.
+# Bytes a voxel, without and for each tissue: the peak of a build (measured: 430 a voxel for 1.4
+# million voxels of 4 tissues) and about as much again for the solver's arrays.
 _BYTES_PER_VOXEL = 700
 _BYTES_PER_TISSUE = 80
 # Part of the available memory that a model may take.

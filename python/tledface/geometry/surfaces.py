@@ -66,7 +66,8 @@ def read_surface(path: str | Path, *, unit_scale: float = 1.0) -> SurfaceFile:
             f"allowed are 0 to {len(vertices) - 1}; export the surface again"
         )
     triangles = faces.astype(np.int32)
-    return SurfaceFile(path, vertices, triangles, _core.prepare_surface(vertices, triangles, str(path)))
+    solid = _core.prepare_surface(vertices, triangles, str(path))
+    return SurfaceFile(path, vertices, triangles, solid)
 
 
 def _read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

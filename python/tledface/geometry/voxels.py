@@ -34,7 +34,7 @@ class VoxelSet:
         origin: (3,) m, low corner of cell (0, 0, 0).
         voxel: (3,) m.
         cells: (n, 3) int32.
-        fill: (n,) tissue fraction of each voxel before normalising, 0 to 1.
+        fill: (n,) tissue fraction of each voxel's own volume, 0 to 1.
         fractions: (n, n_tissues), rows sum to 1; the layers, then the muscle surfaces.
         first, second: (n, n_tissues) m and m2, moments of the fractions about the depth of the
             voxel's centre: fraction times mean z and mean z2.
@@ -83,8 +83,9 @@ def voxelise(
         depth: Tissue deeper than this is left out, m.
         region: Tissue outside this box is left out, m.
         outer: "all", or boxes: depth is measured from the skin faces with their centroid in one.
-        fill: A voxel is kept if at least this fraction of it is tissue; its fractions are then
-            scaled to sum to 1, as if its tissue filled it.
+        fill: A voxel is kept if at least this fraction of it is tissue. What a voxel left out
+            holds goes to the kept one below it, so that a thin layer does not vanish with it;
+            fractions are then scaled to sum to 1, as if the tissue just filled the voxel.
         clean: Keep only the largest face-connected part, and no voxel with fewer than three face
             neighbours (unless the voxels are one layer).
 
@@ -129,21 +130,33 @@ def voxelise(
         cap=np.inf if depth is None else depth,
         region_low=list(-everywhere if region is None else region[0]),
         region_high=list(everywhere if region is None else region[1]),
-        fill=fill,
     )
+    own = found["shares"].sum(axis=1)
+    # Rounding of a sum of samples must not decide whether a voxel is kept.
+    keep = own >= fill - 1e-9
     report: dict[str, Any] = {"memory_estimate": needed, "loose": 0, "unconnected": []}
-    keep = np.ones(len(found["cells"]), dtype=bool)
-    if clean and len(keep):
-        keep, report["loose"], report["unconnected"] = _clean(found["cells"])
+    if keep.any():
+        _hand_inward(found, keep, edges)
+    if clean and keep.any():
+        keep[keep], report["loose"], report["unconnected"] = _clean(found["cells"][keep])
     if not keep.any():
         raise InputError(
             f"voxel: no voxel of {' x '.join(f'{1e3 * edge:g}' for edge in edges)} mm holds "
             f"{fill:g} or more of tissue; take smaller voxels, a lower fill, or check that bones, "
             "depth and region leave tissue"
         )
-    if not keep.all():
-        found = {name: array[keep] for name, array in found.items()}
-    return VoxelSet(origin=box[0].copy(), voxel=edges, report=report, **found)
+    total = found["shares"][keep].sum(axis=1)[:, None]
+    return VoxelSet(
+        origin=box[0].copy(),
+        voxel=edges,
+        cells=found["cells"][keep],
+        fill=np.minimum(own[keep], 1.0),
+        fractions=found["shares"][keep] / total,
+        first=found["first"][keep] / total,
+        second=found["second"][keep] / total,
+        normal=found["normal"][keep],
+        report=report,
+    )
 
 
 def section_ratio(voxels: VoxelSet, youngs_modulus: ArrayLike) -> Floats:
@@ -184,6 +197,29 @@ def _outer_faces(skin: _core.Surface, outer: str | Sequence[Box]) -> NDArray[np.
             f"centroids span {_show_box(span)}"
         )
     return mask
+
+
+def _hand_inward(found: dict[str, Any], keep: NDArray[np.bool_], voxel: Floats) -> None:
+    """Add the tissue of voxels not kept to the kept neighbour inwards of each, if there is one."""
+    cells, normal = found["cells"].astype(np.int64), found["normal"]
+    dropped = np.flatnonzero(~keep)
+    axis = np.abs(normal[dropped]).argmax(axis=1)
+    along = normal[dropped, axis]
+    target = cells[dropped]
+    target[np.arange(len(dropped)), axis] += np.where(along > 0.0, 1, -1)
+    extent = cells.max(axis=0) + 3
+    # Cells are in lexicographic order, so these keys rise; the shift by 1 keeps -1 within range.
+    stride = np.array([extent[1] * extent[2], extent[2], 1])
+    keys, wanted = (cells + 1) @ stride, (target + 1) @ stride
+    slot = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    meets = (keys[slot] == wanted) & keep[slot]
+    source, slot = dropped[meets], slot[meets]
+    # Depths are counted from the receiver's centre, which lies deeper by this much.
+    deeper = (np.abs(along) * voxel[axis])[meets][:, None]
+    share, first, second = (found[name][source] for name in ("shares", "first", "second"))
+    np.add.at(found["shares"], slot, share)
+    np.add.at(found["first"], slot, first - deeper * share)
+    np.add.at(found["second"], slot, second - 2.0 * deeper * first + deeper**2 * share)
 
 
 def _clean(cells: NDArray[np.int32]) -> tuple[NDArray[np.bool_], int, list[int]]:

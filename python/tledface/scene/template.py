@@ -19,8 +19,6 @@ def template_text() -> str:
 
 def write_template(path: Path) -> None:
     """Write the commented scene to a new file; raises InputError if ``path`` exists already."""
-    if path.exists():
-        raise InputError(f"{path}: exists already; give a new file name, or remove it first")
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no folder {path.parent}; make it first")
     handle, temporary = tempfile.mkstemp(prefix=path.name, suffix=".part", dir=path.parent)
@@ -31,6 +29,8 @@ def write_template(path: Path) -> None:
         # A link fails where the name has appeared meanwhile; a rename would overwrite it.
         os.link(temporary, path)
     except FileExistsError:
-        raise InputError(f"{path}: exists already; give a new file name") from None
+        raise InputError(
+            f"{path}: exists already; give a new file name, or remove it first"
+        ) from None
     finally:
         os.unlink(temporary)

@@ -1,0 +1,159 @@
+"""The benchmark: element steps a second on the flat skin block, beside the copy bandwidth.
+
+Solver and copy are timed in turns in one process, so that both see the same machine; ratios of the
+two travel between machines, times do not. The muscle is contracted before the clock starts.
+"""
+
+from __future__ import annotations
+
+import json as json_module
+import os
+import statistics
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tledface import _core
+from tledface import device as device_module
+
+if TYPE_CHECKING:
+    from tledface.model import Model
+
+__all__ = ["flat_block", "main", "measure"]
+
+_CELLS = (120, 120, 9)
+_ACTIVATION = 0.3
+_WARM_UP = 200  # steps
+_BATCH = 200  # steps a timing
+_TIMINGS = 7
+_REPEATABLE = 50  # steps of the two runs that are compared bit for bit
+
+
+def flat_block(cells: tuple[int, int, int] = _CELLS) -> Model:
+    """The seed's flat skin block as a structured model: layers of its Table I, a muscle sheet.
+
+    Voxels of 0.5 mm. The top layer holds 4 % of stratum corneum; the muscle is two voxels thick
+    over the middle 60 % in x and all of y.
+    """
+    from tledface.constitutive import material
+    from tledface.model import Model
+
+    def tissue(youngs_modulus: float) -> Any:
+        return material(
+            "neo_hookean", youngs_modulus=youngs_modulus, poissons_ratio=0.49, density=11000.0
+        )
+
+    h = 0.5e-3
+    nx, _, nz = cells
+    top = nz * h
+    x0, x1 = nx // 5 * h, (nx - nx // 5) * h
+    size = (cells[0] * h, cells[1] * h, cells[2] * h)
+    model = Model.block(cells=cells, size=size, material=tissue(34e3))
+    model.set_material(lambda c: c[:, 2] > top - 1.75e-3, tissue(81.4e3))
+    model.set_material(lambda c: c[:, 2] > top - h, tissue(0.04 * 48e6 + 0.96 * 81.4e3))
+
+    def sheet(c: Any) -> Any:
+        return (c[:, 2] > h) & (c[:, 2] < 3 * h) & (c[:, 0] > x0) & (c[:, 0] < x1)
+
+    model.set_material(sheet, tissue(0.5e6))
+    model.add_muscle("frontalis", sheet, fibre=(1, 0, 0), sigma_act=5e6, sigma_pas=5e6)
+    model.fix(lambda X: X[:, 2] < 0.1 * h, "z")
+    model.fix(lambda X: (X[:, 0] < 0.1 * h) | (X[:, 0] > size[0] - 0.1 * h))
+    return model
+
+
+def measure(
+    model: Model, device: Any = "auto", *, hourglass: str = "physical", precision: str = "single"
+) -> dict[str, Any]:
+    """Time steps of a model on a device.
+
+    Returns:
+        ``device``, ``workload`` numbers and ``ms_per_step``, ``melem_steps_per_s``,
+        ``copy_gb_s`` (host), ``effective_bytes`` (copy bandwidth x time / elements), medians of
+        timings taken in turns, with ``spread`` (largest over smallest time) and
+        ``bitwise_repeatable`` (two runs compared).
+    """
+    from tledface.simulator import Simulator
+
+    opened = device_module.resolve(device)
+
+    def started() -> Simulator:
+        sim = Simulator(model, device=opened, hourglass=hourglass, precision=precision)
+        for muscle in model.muscles:
+            sim.activate(muscle.name, _ACTIVATION)
+        return sim
+
+    runs = [started() for _ in range(2)]
+    for sim in runs:
+        sim.step(_REPEATABLE)
+    repeatable = np.array_equal(runs[0].u, runs[1].u)
+    sim = runs[0]
+    del runs
+    levels = np.full((_BATCH, len(model.muscles)), _ACTIVATION)
+    core = sim._core
+    core.step(_WARM_UP, levels[:1].repeat(_WARM_UP, axis=0))
+    core.finish()
+    times, copies = [], []
+    for _ in range(_TIMINGS):
+        copies.append(_core.copy_bandwidth())
+        begin = time.perf_counter()
+        core.step(_BATCH, levels)
+        core.finish()
+        times.append((time.perf_counter() - begin) / _BATCH)
+    if core.first_non_finite_node() >= 0:
+        raise RuntimeError("bench: the state is not finite, the speed means nothing")
+    seconds, copy = statistics.median(times), statistics.median(copies)
+    return {
+        "device": opened.info.name,
+        "workload": "flat-block",
+        "cells": [int(n) for n in np.asarray(model.cells).max(axis=0) + 1],
+        "elements": model.n_elements,
+        "muscle_elements": sum(len(m.elements) for m in model.muscles),
+        "sliding_nodes": 0,
+        "precision": precision,
+        "hourglass": hourglass,
+        "kernels": "rows" if core.uses_rows else "gather",
+        "fill": core.fill,
+        "threads": _core.thread_count(),
+        "load_average": os.getloadavg()[0],
+        "ms_per_step": seconds * 1e3,
+        "melem_steps_per_s": model.n_elements / seconds / 1e6,
+        "spread": max(times) / min(times),
+        "copy_gb_s": copy,
+        "effective_bytes": copy * 1e9 * seconds / model.n_elements,
+        "bitwise_repeatable": bool(repeatable),
+    }
+
+
+def main(*, device: Any = "auto", json: bool = False, quiet: bool = False) -> dict[str, Any]:
+    """Measure both hourglass forms on a device; print a table, or one JSON object.
+
+    The object is that of the default form, with the other's under ``"joldes"``.
+    """
+    model = flat_block()
+    physical, joldes = (measure(model, device, hourglass=form) for form in ("physical", "joldes"))
+    result = {**physical, "joldes": joldes}
+    if json:
+        print(json_module.dumps(result, indent=1))
+    elif not quiet:
+        print(_table([physical, joldes]))
+    return result
+
+
+def _table(results: list[dict[str, Any]]) -> str:
+    head = results[0]
+    lines = [
+        f"{head['device']}, {head['threads']} threads, load {head['load_average']:.1f}",
+        f"flat block, {head['elements']:,} elements ({head['muscle_elements']:,} with muscle), "
+        f"{head['precision']} precision, {head['kernels']} kernels, "
+        f"{head['fill']:.0%} of the lanes filled",
+        "hourglass  ms/step  M elem-steps/s  copy GB/s  effective bytes  repeatable",
+    ]
+    lines += [
+        f"{r['hourglass']:<9} {r['ms_per_step']:8.3f} {r['melem_steps_per_s']:15.1f} "
+        f"{r['copy_gb_s']:10.1f} {r['effective_bytes']:16.1f}  "
+        f"{'yes' if r['bitwise_repeatable'] else 'NO'}"
+        for r in results
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,191 @@
+import numpy as np
+import pytest
+
+from tledface.errors import InputError
+from tledface.metrics import detail, height_map, line_profile, wrinkles
+
+SPACING = 2.5e-4
+X = np.arange(241) * SPACING
+LENGTH = X[-1]
+
+
+def waves(wavelength, height=1e-3, phase=0.0):
+    return 0.5 * height * np.cos(2 * np.pi * (X - phase) / wavelength)
+
+
+@pytest.mark.parametrize(
+    ("wavelength", "spacing_error", "height_error"),
+    [(3e-3, 0.02, 0.05), (5e-3, 0.02, 0.05), (6.5e-3, 0.02, 0.05), (8e-3, 0.02, 0.05),
+     (12e-3, 0.03, 0.2)],
+)  # fmt: skip
+@pytest.mark.parametrize("phase", [0.0, 0.3, 0.5, 0.9])
+def test_a_sine_gives_its_wavelength_and_height(wavelength, spacing_error, height_error, phase):
+    found = wrinkles(waves(wavelength, 2e-3, phase=phase * wavelength), SPACING)
+    assert found.wavelength == pytest.approx(wavelength, rel=spacing_error)
+    assert found.amplitude == pytest.approx(2e-3, rel=height_error)
+    assert found.count == pytest.approx(LENGTH / wavelength, abs=1)
+
+
+def test_trend_dome_and_noise_change_nothing():
+    rng = np.random.default_rng(1)
+    plain = wrinkles(waves(6.5e-3), SPACING)
+    rough = waves(6.5e-3) + 0.1 * X + 6e-3 * np.sin(np.pi * X / LENGTH) + rng.normal(0, 2e-5, 241)
+    found = wrinkles(rough, SPACING)
+    assert found.count == plain.count
+    assert found.wavelength == pytest.approx(plain.wavelength, rel=0.02)
+    assert found.amplitude == pytest.approx(plain.amplitude, rel=0.05)
+
+
+def test_two_waves_count_the_higher_one():
+    found = wrinkles(waves(7e-3, 2e-3) + waves(1.5e-3, 2e-4), SPACING)
+    assert found.wavelength == pytest.approx(7e-3, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "heights",
+    [
+        np.zeros(241),
+        0.3 * X,
+        4e-3 * np.sin(np.pi * X / LENGTH),
+        4e-3 * np.sin(np.pi * X / LENGTH) ** 2,
+        2e-3 * np.exp(-X / 4e-3),
+        waves(6.5e-3, height=2e-5),
+    ],
+    ids=["flat", "slope", "dome", "bulge", "raised end", "too low"],
+)
+def test_no_folds(heights):
+    found = wrinkles(heights, SPACING)
+    assert (found.count, found.amplitude) == (0, 0.0)
+    assert np.isnan(found.wavelength)
+
+
+def test_a_single_fold_has_no_wavelength():
+    found = wrinkles(1e-3 * np.exp(-(((X - 0.025) / 2e-3) ** 2)) + 0.02 * X, SPACING)
+    assert found.count == 1
+    assert np.isnan(found.wavelength)
+    assert found.positions[0] == pytest.approx([0.025], abs=1e-4)
+    assert found.amplitude == pytest.approx(1e-3, rel=0.15)
+
+
+def test_the_ends_of_a_line_are_no_ridges():
+    found = wrinkles(waves(12e-3), SPACING)
+    assert len(found.positions[0]) == 4
+    assert found.positions[0].min() > 6e-3 and found.positions[0].max() < LENGTH - 6e-3
+
+
+def test_a_flat_top_counts_once_in_its_middle():
+    heights = np.where(np.abs(X - 0.03) < 2e-3, 1e-3, 0.0)
+    found = wrinkles(np.round(heights, 6), SPACING)
+    assert found.count == 1
+    assert found.positions[0] == pytest.approx([0.03], abs=2e-3)
+
+
+def test_thresholds_are_absolute_and_relative():
+    two = np.exp(-(((X - 0.02) / 1.5e-3) ** 2)) + 0.1 * np.exp(-(((X - 0.04) / 1.5e-3) ** 2))
+    heights = 1e-3 * two
+    assert wrinkles(heights, SPACING, relative_prominence=0.2).count == 1
+    assert wrinkles(heights, SPACING, relative_prominence=0.02, min_prominence=5e-5).count == 2
+    assert wrinkles(heights, SPACING, min_prominence=2e-3).count == 0
+
+
+def test_a_patch_is_measured_line_by_line():
+    patch = np.tile(waves(6.5e-3, 2e-3), (5, 1))
+    patch[0] = 0.0
+    patch[1, :30] = np.nan
+    found = wrinkles(patch, SPACING)
+    assert found.counts.tolist() == [0, 8, 9, 9, 9]
+    assert found.count == 9
+    assert found.wavelength == pytest.approx(6.5e-3, rel=0.02)
+    assert found.positions[1] == pytest.approx(found.positions[2][1:], abs=2e-4)
+
+
+def test_detail_keeps_the_form_and_the_folds():
+    heights = waves(6.5e-3) + 3.0 + 0.1 * X
+    heights[:10] = np.nan
+    kept = detail(heights, SPACING)
+    assert kept.shape == heights.shape and np.isnan(kept[:10]).all()
+    assert np.ptp(kept[40:-40]) == pytest.approx(1e-3, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("heights", "options"),
+    [
+        (np.zeros(3), {}),
+        (np.zeros((2, 2, 9)), {}),
+        (np.zeros(9), {"spacing": 0.0}),
+        (np.zeros(9), {"shape_wavelength": -1.0}),
+    ],
+)
+def test_bad_heights(heights, options):
+    with pytest.raises(InputError, match="wrinkles"):
+        wrinkles(heights, **({"spacing": SPACING} | options))
+
+
+def sheet(function, n=121, size=0.06):
+    x, y = np.meshgrid(np.linspace(0, size, n), np.linspace(0, size, n))
+    vertices = np.stack([x, y, function(x, y)], axis=-1).reshape(-1, 3)
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).reshape(-1)
+    lower = np.stack([corner, corner + 1, corner + n + 1], axis=1)
+    upper = np.stack([corner, corner + n + 1, corner + n], axis=1)
+    return vertices, np.concatenate([lower, upper])
+
+
+def test_height_map_samples_a_plane_without_holes_or_seams():
+    vertices, faces = sheet(lambda x, y: 0.2 * x - 0.1 * y)
+    found = height_map(vertices, faces, 3.3e-4)
+    assert not np.isnan(found.heights).any()
+    rows, columns = np.indices(found.heights.shape)
+    expected = 3.3e-4 * (0.2 * columns - 0.1 * rows)
+    assert found.heights == pytest.approx(expected, abs=1e-12)
+
+
+def test_height_map_takes_the_highest_and_leaves_holes():
+    low, faces = sheet(lambda x, y: 0 * x, n=3)
+    high = low * [0.5, 0.5, 1] + [0, 0, 0.01]
+    both = np.concatenate([low, high])
+    found = height_map(both, np.concatenate([faces, faces + len(low)]), 1e-3).heights
+    assert found[10, 10] == pytest.approx(0.01) and found[50, 50] == pytest.approx(0.0)
+    ring = height_map(low, faces[:-1], 1e-3).heights
+    assert np.isnan(ring).sum() > 100
+
+
+def test_height_map_along_another_direction():
+    vertices, faces = sheet(lambda x, y: 1e-3 * np.sin(2 * np.pi * x / 6.5e-3))
+    turned = vertices[:, [0, 2, 1]] * [1, -1, 1]
+    found = height_map(turned, faces, 2.5e-4, direction=(0, -1, 0), up=(0, 0, 1))
+    assert found.axes[0] == pytest.approx([1, 0, 0])
+    straight = height_map(vertices, faces, 2.5e-4)
+    assert found.heights == pytest.approx(straight.heights, abs=1e-12)
+    assert wrinkles(found.heights, 2.5e-4).wavelength == pytest.approx(6.5e-3, rel=0.02)
+
+
+def test_line_profile_is_exact_and_marks_gaps():
+    vertices, faces = sheet(lambda x, y: 0.3 * x + 0.1 * y)
+    distance, heights = line_profile(vertices, faces, (-0.01, 0.011, 5), (0.05, 0.041, 7), 1e-4)
+    along = distance[-1] / np.hypot(0.06, 0.03)
+    assert along == pytest.approx(1.0, abs=2e-3)
+    x = -0.01 + distance * 0.06 / np.hypot(0.06, 0.03)
+    y = 0.011 + distance * 0.03 / np.hypot(0.06, 0.03)
+    inside = (x > 1e-9) & (x < 0.06)
+    assert heights[inside] == pytest.approx((0.3 * x + 0.1 * y)[inside], abs=1e-12)
+    assert np.isnan(heights[~inside]).all()
+
+
+def test_line_profile_through_vertices_has_no_gap():
+    vertices, faces = sheet(lambda x, y: 0 * x)
+    heights = line_profile(vertices, faces, (0, 0.03, 0), (0.06, 0.03, 0), 1e-4)[1]
+    assert (heights == 0.0).all()
+
+
+def test_bad_surfaces():
+    vertices, faces = sheet(lambda x, y: 0 * x, n=3)
+    with pytest.raises(InputError, match="spacing"):
+        height_map(vertices, faces, 0.0)
+    with pytest.raises(InputError, match="samples"):
+        height_map(vertices, faces, 1e-9)
+    with pytest.raises(InputError, match="parallel"):
+        height_map(vertices, faces, 1e-3, direction=(0, 1, 0))
+    with pytest.raises(InputError, match="faces"):
+        height_map(vertices, faces[:0], 1e-3)
+    with pytest.raises(InputError, match="length"):
+        line_profile(vertices, faces, (0, 0, 0), (0, 0, 1), 1e-3)

@@ -1,0 +1,193 @@
+"""The Simulator's own duties: checking, sampling, frames, sharing arrays, stopping on NaN."""
+
+import numpy as np
+import pytest
+import tledface as tf
+from tledface.errors import InputError, SimulationError
+
+
+def soft(**more):
+    values = {"youngs_modulus": 34e3, "poissons_ratio": 0.49, "density": 1100.0, **more}
+    return tf.material("neo_hookean", **values)
+
+
+def small_model(muscle=True):
+    model = tf.Model.block(cells=(8, 6, 4), size=(4e-3, 3e-3, 2e-3), material=soft())
+    if muscle:
+        model.add_muscle("m", lambda c: c[:, 2] < 1e-3, fibre=(1, 0, 0), sigma_act=1e5)
+    model.fix(lambda X: X[:, 0] < 1e-9)
+    return model
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"damping": -1.0}, "damping: got -1.0"),
+        ({"mass_scaling": 0.5}, "mass_scaling: got 0.5"),
+        ({"hourglass": "none"}, "hourglass: got 'none', allowed are 'physical', 'joldes'"),
+        ({"precision": "half"}, "precision: got 'half'"),
+        ({"kernels": "fast"}, "kernels: got 'fast'"),
+        ({"dt": "big"}, "dt: got 'big'"),
+        ({"dt": 0.0}, "dt: got 0.0"),
+        ({"dt": 1.0}, "above the stable bound"),
+        ({"device": "opencl:99"}, "opencl:99"),
+        ({"device": "native", "kernels": "gather"}, "row kernels"),
+    ],
+)
+def test_bad_options_are_named(options, message):
+    with pytest.raises(InputError, match=message):
+        tf.Simulator(small_model(), **options)
+
+
+def test_dt_message_suggests_a_mass_scaling_that_works():
+    model = small_model()
+    dt = 3 * tf.Simulator(model, mass_scaling=4.0).dt
+    with pytest.raises(InputError) as caught:
+        tf.Simulator(model, mass_scaling=4.0, dt=dt)
+    wanted = float(str(caught.value).rsplit("=", 1)[1])
+    assert tf.Simulator(model, mass_scaling=1.05 * wanted, dt=dt).dt == dt
+
+
+def test_unknown_muscle_and_bad_activation():
+    sim = tf.Simulator(small_model())
+    with pytest.raises(InputError, match="this model has: m"):
+        sim.activate("frontalis", 0.5)
+    with pytest.raises(InputError):
+        sim.activate("m", 1.5)
+    with pytest.raises(InputError, match="whole number"):
+        sim.step(-1)
+
+
+def test_run_reaches_its_time_and_calls_frames():
+    sim = tf.Simulator(small_model())
+    sim.activate("m", tf.ramp(0, 0.5, 1e-3))
+    seen = []
+    sim.run(until=2e-3, on_frame=lambda s: seen.append(s.time), fps=5000)
+    assert sim.time == pytest.approx(2e-3, abs=sim.dt)
+    assert np.allclose(seen, 2e-4 * np.arange(1, 11), atol=sim.dt)
+    with pytest.raises(InputError, match="fps"):
+        sim.run(until=3e-3, on_frame=print)
+
+
+def test_steps_in_pieces_equal_steps_at_once():
+    results = []
+    for pieces in ([300], [1] * 20 + [280], [37, 263]):
+        sim = tf.Simulator(small_model())
+        sim.activate("m", tf.ramp(0, 0.5, 1e-3))
+        for n in pieces:
+            sim.step(n)
+        results.append(sim.u)
+    assert abs(results[0]).max() > 1e-6
+    # The clock is summed piece by piece, so the activation may differ in its last digit.
+    for result in results[1:]:
+        assert abs(result - results[0]).max() <= 1e-5 * abs(results[0]).max()
+
+
+def test_free_fall_is_exact_from_the_first_step():
+    """u = g t^2/2 at every step: the start from rest is second order."""
+    model = tf.Model.block(cells=(3, 3, 3), size=(3e-3, 3e-3, 3e-3), material=soft())
+    model.gravity = (0.0, 2.0, -9.81)
+    sim = tf.Simulator(model, precision="double")
+    for n in (1, 2, 7):
+        sim.step(n)
+        assert np.allclose(sim.u, np.multiply(model.gravity, sim.time**2 / 2), rtol=1e-9, atol=0)
+
+
+def test_initial_velocity_and_velocity_out():
+    model = tf.Model.block(cells=(3, 3, 3), size=(3e-3, 3e-3, 3e-3), material=soft())
+    sim = tf.Simulator(model, precision="double")
+    sim.set_state(np.zeros((64, 3)), np.tile([0.3, -0.1, 0.2], (64, 1)), time=1.5)
+    assert sim.time == 1.5
+    sim.step(10)
+    assert np.allclose(sim.u, np.multiply([0.3, -0.1, 0.2], 10 * sim.dt))
+    assert np.allclose(sim.velocity, [0.3, -0.1, 0.2])
+
+
+def test_damping_slows_a_free_body_as_its_equation_says():
+    model = tf.Model.block(cells=(2, 2, 2), size=(2e-3, 2e-3, 2e-3), material=soft())
+    sim = tf.Simulator(model, precision="double", damping=500.0)
+    sim.set_state(np.zeros((27, 3)), np.tile([1.0, 0.0, 0.0], (27, 1)))
+    sim.step(200)
+    expected = np.exp(-500 * (sim.time - sim.dt / 2))
+    assert expected < 0.2
+    assert sim.velocity[:, 0] == pytest.approx(expected, rel=1e-4)
+
+
+def test_fixed_components_stay():
+    model = small_model()
+    model.fix(lambda X: X[:, 2] < 1e-9, "z")
+    model.gravity = (1.0, 2.0, -9.81)
+    sim = tf.Simulator(model)
+    sim.activate("m", 0.3)
+    sim.step(200)
+    assert (sim.u[model.fixed] == 0).all()
+    assert (sim.u[~model.fixed] != 0).all()
+
+
+def test_array_is_the_displacement_of_the_device(executor):
+    if executor.device != "native":
+        pytest.importorskip("pyopencl")
+    sim = tf.Simulator(small_model(), **executor.kwargs)
+    sim.activate("m", 0.4)
+    sim.step(25)
+    shared = sim.array("u")
+    values = shared if executor.device == "native" else shared.get()
+    block, lane = sim.node_slots
+    in_nodes = values[block, :, lane]
+    restored = np.empty_like(in_nodes)
+    restored[:, list(sim.axis_order)] = in_nodes
+    assert np.array_equal(restored.astype(float), sim.u)
+    with pytest.raises(InputError, match="'u'"):
+        sim.array("v")
+
+
+def test_pyopencl_device_is_taken():
+    pyopencl = pytest.importorskip("pyopencl")
+    platforms = [d for p in pyopencl.get_platforms() for d in p.get_devices()]
+    if not platforms:
+        pytest.skip("pyopencl lists no device")
+    sim = tf.Simulator(small_model(), device=platforms[0])
+    sim.activate("m", 0.4)
+    sim.step(25)
+    native = tf.Simulator(small_model(), device="native")
+    native.activate("m", 0.4)
+    native.step(25)
+    assert abs(sim.u - native.u).max() <= 1e-4 * abs(native.u).max()
+
+
+def test_a_state_that_is_not_finite_stops_the_run():
+    model = small_model()
+    sim = tf.Simulator(model)
+    u = np.zeros((model.n_nodes, 3))
+    u[model.nodes[:, 0] > 3.9e-3] = 0.5
+    sim.set_state(u, 1e6 * np.ones_like(u))
+    with pytest.raises(
+        SimulationError, match=r"step \d+, t = .* near element \d+ \((m|tissue)\), dt = .* dt_crit"
+    ):
+        sim.step(5000)
+
+
+def test_sudden_full_contraction_stays_finite_with_auto_dt():
+    model = small_model()
+    model.add_muscle("strong", lambda c: c[:, 2] > 1e-3, fibre=(1, 0, 0), sigma_act=1e5)
+    sim = tf.Simulator(model, damping=200.0)
+    before = sim.dt
+    sim.activate("strong", 1.0)
+    sim.step(4000)
+    assert np.isfinite(sim.u).all()
+    assert sim.dt <= before
+
+
+def test_surface_follows_the_voxels():
+    model = small_model()
+    sim = tf.Simulator(model)
+    u = model.nodes @ np.array([[0.1, 0, 0], [0, -0.05, 0.02], [0, 0, 0.03]])
+    sim.set_state(u)
+    mesh = sim.surface("surface")
+    rest = model.surfaces["surface"].vertices
+    assert np.allclose(
+        mesh.vertices, rest + rest @ np.array([[0.1, 0, 0], [0, -0.05, 0.02], [0, 0, 0.03]]),
+        atol=1e-8,
+    )
+    with pytest.raises(InputError, match="this model has"):
+        sim.surface("skin")
