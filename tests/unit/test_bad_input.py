@@ -1,0 +1,107 @@
+"""Bad input through the real command line: one clear line, exit code 2, nothing written."""
+
+import numpy as np
+import pytest
+import tomllib
+import trimesh
+from tledface.examples import flat_block
+from typer.testing import CliRunner
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A small valid scene: a block of 10 x 8 x 6 mm with a muscle in it."""
+    trimesh.creation.box(bounds=[[0, 0, 0], [10, 8, 6]]).export(tmp_path / "skin.stl")
+    trimesh.creation.box(bounds=[[2, 2, 1], [8, 6, 3]]).export(tmp_path / "muscle.stl")
+    text = flat_block.write(tmp_path / "template").read_text()
+    text = text.replace("frontalis.stl", "muscle.stl").replace("voxel = [0.5, 0.5, 0.5]", "voxel = 1")
+    start = text.index("outer =")
+    text = text[:start] + text[text.index("\n", start) + 1 :]
+    path = tmp_path / "scene.toml"
+    path.write_text(text.replace('duration = "50 ms"', 'duration = "0.5 ms"'))
+    tomllib.loads(path.read_text())
+    return path
+
+
+def refuse(scene, *arguments):
+    from tledface.cli import app
+
+    out = scene.parent / "out"
+    result = CliRunner().invoke(app, ["run", str(scene), "-o", str(out), "--quiet", *arguments])
+    lines = result.stderr.strip().splitlines()
+    assert result.exit_code == 2, result.output
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("tledface: error: ")
+    assert not out.exists() or not any(out.iterdir())
+    return lines[0]
+
+
+def edit(scene, old, new):
+    text = scene.read_text()
+    assert old in text
+    scene.write_text(text.replace(old, new, 1))
+
+
+def test_the_scene_itself_runs(scene):
+    from tledface.cli import app
+
+    out = scene.parent / "out"
+    result = CliRunner().invoke(app, ["run", str(scene), "-o", str(out), "--quiet"])
+    assert result.exit_code == 0, result.output
+    assert (out / "frames.vtkhdf").exists()
+
+
+def test_missing_mesh(scene):
+    edit(scene, "muscle.stl", "frontal.stl")
+    assert "frontal.stl" in refuse(scene)
+
+
+def test_open_mesh_with_a_big_hole(scene):
+    mesh = trimesh.load(scene.parent / "skin.stl")
+    mesh.update_faces(np.arange(len(mesh.faces)) >= 2)
+    mesh.export(scene.parent / "skin.stl")
+    line = refuse(scene)
+    assert "skin.stl" in line and "hole" in line and "open edges" in line
+
+
+def test_nan_vertex(scene):
+    (scene.parent / "skin.obj").write_text(
+        "v 0 0 0\nv 10 0 0\nv 0 8 nan\nv 0 0 6\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    )
+    edit(scene, "skin.stl", "skin.obj")
+    line = refuse(scene)
+    assert "skin.obj" in line and "vertex" in line and "2" in line
+
+
+def test_negative_thickness(scene):
+    edit(scene, "thickness = 1.8", "thickness = -1.8")
+    line = refuse(scene)
+    assert "layers[1].thickness" in line and "-1.8" in line
+
+
+def test_unknown_key_names_the_nearest(scene):
+    edit(scene, "damping =", "dampign =")
+    line = refuse(scene)
+    assert "dampign" in line and "damping" in line.replace("dampign", "")
+
+
+def test_unit_missing(scene):
+    edit(scene, '"0.5 ms"', "0.5")
+    line = refuse(scene)
+    assert "duration" in line and "unit" in line
+
+
+def test_voxels_too_small_for_the_memory(scene):
+    edit(scene, "voxel = 1", "voxel = 0.002")
+    line = refuse(scene)
+    assert "voxel" in line and "GB" in line or "GiB" in line
+
+
+def test_dt_above_the_bound(scene):
+    edit(scene, 'dt = "auto"', 'dt = "1 ms"')
+    line = refuse(scene)
+    assert "dt" in line and "bound" in line
+
+
+def test_no_such_device(scene):
+    assert "opencl:77" in refuse(scene, "--device", "opencl:77")
