@@ -1,5 +1,6 @@
 // bench_solver [--device SPEC] [--cells NX NY NZ] [--steps N] [--hourglass physical|kappa]
-//              [--kernels auto|rows|gather] [--double] [--no-muscle] [--repeats R]
+//              [--kernels auto|rows|gather] [--double] [--no-muscle] [--laws sorted|scattered]
+//              [--repeats R]
 // Steps a contracting skin block and prints one JSON object: speed beside the copy bandwidth of
 // the same run. The state is a realistic one: the muscle is contracted before the clock starts.
 #include <chrono>
@@ -26,6 +27,7 @@ double seconds_since(Clock::time_point begin) {
 int run(int argc, char** argv) {
   int nx = 120, ny = 120, nz = 9, steps = 300, repeats = 5;
   bool with_muscle = true;
+  std::string laws;
   std::string spec = "native";
   SimulatorOptions options;
   for (int i = 1; i < argc; ++i) {
@@ -34,25 +36,41 @@ int run(int argc, char** argv) {
       if (i + 1 >= argc) throw InputError(word + ": a value is missing");
       return argv[++i];
     };
-    if (word == "--device") spec = next();
-    else if (word == "--cells") nx = std::stoi(next()), ny = std::stoi(next()), nz = std::stoi(next());
-    else if (word == "--steps") steps = std::stoi(next());
-    else if (word == "--repeats") repeats = std::stoi(next());
-    else if (word == "--hourglass") options.hourglass = next() == "kappa" ? HourglassForm::kKappa : HourglassForm::kPhysical;
-    else if (word == "--kernels") { const auto k = next(); options.kernels = k == "rows" ? KernelPath::kRows : k == "gather" ? KernelPath::kGather : KernelPath::kAuto; }
-    else if (word == "--bands") options.n_bands = std::stoul(next());
-    else if (word == "--double") options.precision = Precision::kDouble;
-    else if (word == "--no-muscle") with_muscle = false;
-    else throw InputError("bench_solver: unknown option '" + word + "'");
+    if (word == "--device")
+      spec = next();
+    else if (word == "--cells")
+      nx = std::stoi(next()), ny = std::stoi(next()), nz = std::stoi(next());
+    else if (word == "--steps")
+      steps = std::stoi(next());
+    else if (word == "--repeats")
+      repeats = std::stoi(next());
+    else if (word == "--hourglass")
+      options.hourglass = next() == "kappa" ? HourglassForm::kKappa : HourglassForm::kPhysical;
+    else if (word == "--kernels") {
+      const auto k = next();
+      options.kernels = k == "rows"     ? KernelPath::kRows
+                        : k == "gather" ? KernelPath::kGather
+                                        : KernelPath::kAuto;
+    } else if (word == "--bands")
+      options.n_bands = std::stoul(next());
+    else if (word == "--laws")
+      laws = next();
+    else if (word == "--double")
+      options.precision = Precision::kDouble;
+    else if (word == "--no-muscle")
+      with_muscle = false;
+    else
+      throw InputError("bench_solver: unknown option '" + word + "'");
   }
   auto model = bench::flat_block(nx, ny, nz, with_muscle);
+  if (!laws.empty()) bench::mix_laws(model, laws == "scattered");
   const double n_elements = static_cast<double>(model.n_elements());
   auto device = open_device(spec);
   Simulator sim(device, std::move(model), options);
   sim.set_dt(0.8 * sim.bound_at_rest().dt);
   const std::size_t n_muscles = sim.model().muscles.size();
   const auto advance = [&](int n) {
-    sim.step(n, std::vector<double>(std::size_t(n) * n_muscles, 0.3));
+    sim.step(n, {std::vector<double>(std::size_t(n) * n_muscles, 0.3), {}, {}});
     sim.finish();
   };
   advance(200);

@@ -1,5 +1,7 @@
-// The flat skin block of the benchmark: layers and muscle of the seed's Table I on a plain grid.
+// The flat skin block of the benchmark: layers and muscle of Warburton & Maddock's Table I
+// on a plain grid, density scaled by ten as there.
 #pragma once
+#include <algorithm>
 #include <cmath>
 
 #include "precompute/voxel_model.hpp"
@@ -15,7 +17,8 @@ struct Tissue {
 inline VoxelModel flat_block(int nx, int ny, int nz, bool with_muscle) {
   VoxelModel model;
   model.voxel = {0.5e-3, 0.5e-3, 0.5e-3};
-  const Tissue corneum{48e6, .49}, dermis{0.0814e6, .49}, hypodermis{0.034e6, .49}, muscle{0.5e6, .49};
+  const Tissue corneum{48e6, .49}, dermis{0.0814e6, .49}, hypodermis{0.034e6, .49},
+      muscle{0.5e6, .49};
   VoxelMuscle frontalis;
   frontalis.name = "frontalis";
   frontalis.sigma_act = frontalis.sigma_pas = 5e6;
@@ -46,6 +49,8 @@ inline VoxelModel flat_block(int nx, int ny, int nz, bool with_muscle) {
         model.mu.push_back(mu);
         model.bulk_log.push_back(bulk);
         model.bulk_quadratic.push_back(0);
+        model.shear_modulus.push_back(mu);
+        model.bulk_modulus.push_back(bulk);
         model.density.push_back(11000);
         const double youngs = 9 * bulk * mu / (3 * bulk + mu);
         for (int c = 0; c < 3; ++c) model.bending_modulus.push_back(youngs);
@@ -59,6 +64,27 @@ inline VoxelModel flat_block(int nx, int ny, int nz, bool with_muscle) {
       }
   if (with_muscle) model.muscles.push_back(frontalis);
   return model;
+}
+
+// Half of the elements take Mooney-Rivlin in place of neo-Hookean, of the same stiffness at rest:
+// all of one side ("sorted": blocks hold one law) or every other one at random ("scattered": every
+// block computes both). The two cost the same flops an element; their difference is what uniform
+// blocks are worth.
+inline void mix_laws(VoxelModel& model, bool scattered) {
+  VoxelLaw law;
+  law.name = "mooney_rivlin";
+  std::int32_t widest = 0;
+  for (std::size_t i = 0; i < model.cells.size(); i += 3) widest = std::max(widest, model.cells[i]);
+  std::uint32_t random = 1;
+  for (std::size_t e = 0; e < model.n_elements(); ++e) {
+    random = random * 1664525u + 1013904223u;
+    if (scattered ? (random >> 16) % 2 == 0 : model.cells[3 * e] <= widest / 2) continue;
+    law.elements.push_back(static_cast<std::int64_t>(e));
+    // weight, c10, c01, c11, c20, c30
+    law.rows.insert(law.rows.end(), {1, model.mu[e] * 0.4, model.mu[e] * 0.1, 0, 0, 0});
+    model.mu[e] = 0;
+  }
+  model.laws.push_back(law);
 }
 
 }  // namespace tledface::bench

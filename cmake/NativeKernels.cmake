@@ -2,12 +2,12 @@
 # -ffp-contract=fast and no trapping are the freedoms OpenCL's -cl-mad-enable gives; nothing that
 # reorders sums or forgets NaN.
 set(native_flags -O3 -ffp-contract=fast -fno-math-errno -fno-trapping-math -Wno-unknown-pragmas
-    -Wno-unused-function -Wno-psabi -Wno-ignored-attributes)
+    -Wno-unused-function -Wno-unused-parameter -Wno-psabi -Wno-ignored-attributes)
 
 function(add_native_kernels table instruction_set lanes is_double)
   set(target native_${table})
   add_library(${target} OBJECT csrc/backend/native/kernel_table.cpp)
-  target_include_directories(${target} PRIVATE csrc kernels_cl)
+  target_include_directories(${target} PRIVATE csrc ${TLEDFACE_KERNEL_FOLDER})
   target_compile_definitions(${target} PRIVATE TLED_TABLE=${table} TLED_LANES=${lanes}
     TLED_DOUBLE=${is_double} TLED_INSTRUCTION_SET="${instruction_set}")
   target_compile_options(${target} PRIVATE ${native_flags} ${ARGN})
@@ -28,5 +28,7 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
 endif()
 add_native_kernels(portable_float "portable" 8 0)
 add_native_kernels(portable_double "portable" 4 1)
-target_compile_definitions(tledface_core PRIVATE
-  TLEDFACE_KERNEL_FOLDER="${CMAKE_CURRENT_SOURCE_DIR}/kernels_cl")
+if(NOT TLEDFACE_PYTHON)  # bench executables run from the build folder; the package says its own
+  target_compile_definitions(tledface_core PRIVATE
+    TLEDFACE_KERNEL_FOLDER="${TLEDFACE_KERNEL_FOLDER}")
+endif()

@@ -4,6 +4,9 @@
 // Everything is inlined: flags such as `physical` are then constants, and vectors stay in registers.
 #define INLINE static inline __attribute__((always_inline))
 
+// The rare and large: kept out of the fused loop, whose registers it would take.
+#define OUT_OF_LINE static __attribute__((noinline))
+
 #if TLED_OPENCL
 
 #if TLED_DOUBLE
@@ -70,6 +73,7 @@ INLINE real last_lane(realv v) { return v.s3; }
 
 INLINE realv square_root(realv x) { return sqrt(x); }
 INLINE realv natural_log(realv x) { return log(x); }
+INLINE realv natural_exp(realv x) { return exp(x); }
 INLINE realv absolute(realv x) { return fabs(x); }
 
 #endif  // TLED_OPENCL

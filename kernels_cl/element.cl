@@ -47,51 +47,135 @@ INLINE void add_muscle_stress(__global const real* constants, __global const rea
   P_scaled->zz += vz * tz;
 }
 
-// A lane without element has mu = 0. Its corners may belong to other elements and its F be
+// A lane without element is not present. Its corners may belong to other elements and its F be
 // anything, so J is set to 1 there: every stress is then 0 times something finite.
 INLINE realv volume_ratio(Tensor F, Tensor cof, __global const real* parameters) {
   const realv J = F.xx * cof.xx + F.xy * cof.xy + F.xz * cof.xz;
-  const realv mu = load_lanes(parameters + MATERIAL_MU * TLED_LANES);
-  return mu > R(0.0) ? J : broadcast(R(1.0));
+  const realv present = load_lanes(parameters + MATERIAL_PRESENT * TLED_LANES);
+  return present > R(0.0) ? J : broadcast(R(1.0));
 }
 
-INLINE ElementModes compute_element_modes(
-    ElementModes u, __global const real* parameters, __global const int* muscle_entries,
-    int muscle_begin, int muscle_end, __global const real* muscle_sets,
-    __global const real* muscle_constants, __global const real* activations,
-    __global const real* shape, const int physical) {
-  const Tensor F = deformation_gradient(u.linear, shape);
-  const Tensor cof = cofactors(F);
-  const realv J = volume_ratio(F, cof, parameters);
-  const realv inverse_J = R(1.0) / J;
-  const IsotropicStress stress = neo_hookean_stress(parameters, J, inverse_J,
-                                                    inverse_cube_root(absolute(J)), squared_norm(F));
+INLINE Kinematics kinematics(Tensor F, __global const real* parameters) {
+  Kinematics k;
+  k.F = F;
+  k.cof = cofactors(F);
+  k.J = volume_ratio(F, k.cof, parameters);
+  k.inverse_J = R(1.0) / k.J;
+  k.cube_root = inverse_cube_root(absolute(k.J));
+  k.I1 = squared_norm(F);
+  return k;
+}
+
+// Where everything that an element needs stands; see layout.cl.
+typedef struct {
+  __global const int* blocks;
+  __global const real* materials;
+  __global const int* law_entries;
+  __global const real* law_sets;
+  __global const real* history;   // before the step
+  __global real* next_history;    // after it
+  __global const int* muscle_entries;
+  __global const real* muscle_sets;
+  __global const real* muscle_constants;
+  __global const real* shape;
+  __global const real* step;      // this step's row of the table
+} ElementTables;
+
+// One law's entry: its rows and its history, of this lane or these lanes.
+INLINE LawState law_state(ElementTables t, __global const int* entry, int lane, int store) {
+  LawState state;
+  const long at = entry[2] < 0 ? 0 : (long)entry[2] * TLED_LANES + lane;
+  state.before = t.history + at;
+  state.after = t.next_history + at;
+  state.store = store;
+  state.dt = t.step[STEP_DT];
+  state.time = t.step[STEP_TIME];
+  return state;
+}
+
+// Isochoric and own stresses of all laws of a block besides the volumetric part: *P in Pa.
+OUT_OF_LINE void stress_of_laws(const ElementTables* t, const Kinematics* k,
+                                __global const real* parameters, __global const int* links,
+                                int lane, int store, Tensor* P) {
+  const IsotropicStress s =
+      isochoric_neo_hookean(load_lanes(parameters + MATERIAL_MU * TLED_LANES), *k);
+  const realv zero = broadcast(R(0.0));
+  Tensor sum = {zero, zero, zero, zero, zero, zero, zero, zero, zero};
+  add_scaled(&sum, s.along_F, k->F, s.along_cof, k->cof);
+  for (int i = links[BLOCK_LAW_BEGIN]; i < links[BLOCK_LAW_END]; ++i) {
+    __global const int* entry = t->law_entries + TLED_LAW_ENTRY * i;
+    add_law_stress(entry[0], *k, t->law_sets + (long)entry[1] * TLED_LANES + lane,
+                   law_state(*t, entry, lane, store), &sum);
+  }
+  *P = sum;
+}
+
+INLINE void scale_columns(Tensor* P, __global const real* shape) {
+  const real x = shape[SHAPE_FORCE], y = shape[SHAPE_FORCE + 1], z = shape[SHAPE_FORCE + 2];
+  P->xx *= x;
+  P->yx *= x;
+  P->zx *= x;
+  P->xy *= y;
+  P->yy *= y;
+  P->zy *= y;
+  P->xz *= z;
+  P->yz *= z;
+  P->zz *= z;
+}
+
+// Stress of everything but the hourglass modes; column d times V/(4 h_d). lane: this work-item's in
+// its block, 0 where it does all. Blocks without law entries, most of them, take the fused base.
+INLINE Tensor scaled_stress(ElementTables t, Kinematics k, __global const real* parameters,
+                            __global const int* links, int lane, int store) {
+  Tensor P;
+  const realv volumetric = volumetric_stress(parameters, k);
+  if (links[BLOCK_LAW_BEGIN] == links[BLOCK_LAW_END]) {
+    const IsotropicStress s =
+        isochoric_neo_hookean(load_lanes(parameters + MATERIAL_MU * TLED_LANES), k);
+    const realv along_cof = s.along_cof + volumetric;
+    const real x = t.shape[SHAPE_FORCE], y = t.shape[SHAPE_FORCE + 1], z = t.shape[SHAPE_FORCE + 2];
+    const realv ax = s.along_F * x, cx = along_cof * x, ay = s.along_F * y, cy = along_cof * y,
+                az = s.along_F * z, cz = along_cof * z;
+    P.xx = ax * k.F.xx + cx * k.cof.xx;
+    P.xy = ay * k.F.xy + cy * k.cof.xy;
+    P.xz = az * k.F.xz + cz * k.cof.xz;
+    P.yx = ax * k.F.yx + cx * k.cof.yx;
+    P.yy = ay * k.F.yy + cy * k.cof.yy;
+    P.yz = az * k.F.yz + cz * k.cof.yz;
+    P.zx = ax * k.F.zx + cx * k.cof.zx;
+    P.zy = ay * k.F.zy + cy * k.cof.zy;
+    P.zz = az * k.F.zz + cz * k.cof.zz;
+  } else {
+    // Copies, so that only they need an address.
+    const ElementTables tables = t;
+    const Kinematics copy = k;
+    Tensor laws;
+    stress_of_laws(&tables, &copy, parameters, links, lane, store, &laws);
+    P = laws;
+    add_scaled(&P, broadcast(R(0.0)), k.F, volumetric, k.cof);
+    scale_columns(&P, t.shape);
+  }
+  for (int entry = links[BLOCK_MUSCLE_BEGIN]; entry < links[BLOCK_MUSCLE_END]; ++entry) {
+    const int muscle = t.muscle_entries[2 * entry], set = t.muscle_entries[2 * entry + 1];
+    add_muscle_stress(t.muscle_constants + muscle * TLED_MUSCLE_CONSTANTS,
+                      t.muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES) + lane, t.shape,
+                      t.step[STEP_ACTIVATION + muscle], k.F, k.J, &P);
+  }
+  return P;
+}
+
+// store: 1 where this work-item keeps the history of the block's elements.
+INLINE ElementModes compute_element_modes(ElementTables t, ElementModes u, int block, int lane,
+                                          int store, const int physical) {
+  __global const int* links = t.blocks + (long)block * TLED_BLOCK_INTS;
+  __global const real* parameters =
+      t.materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES) + lane;
+  const Kinematics k = kinematics(deformation_gradient(u.linear, t.shape), parameters);
   ElementModes f;
-  {
-    const realv ax = stress.along_F * shape[SHAPE_FORCE], cx = stress.along_cof * shape[SHAPE_FORCE];
-    const realv ay = stress.along_F * shape[SHAPE_FORCE + 1],
-                cy = stress.along_cof * shape[SHAPE_FORCE + 1];
-    const realv az = stress.along_F * shape[SHAPE_FORCE + 2],
-                cz = stress.along_cof * shape[SHAPE_FORCE + 2];
-    f.linear.xx = ax * F.xx + cx * cof.xx;
-    f.linear.xy = ay * F.xy + cy * cof.xy;
-    f.linear.xz = az * F.xz + cz * cof.xz;
-    f.linear.yx = ax * F.yx + cx * cof.yx;
-    f.linear.yy = ay * F.yy + cy * cof.yy;
-    f.linear.yz = az * F.yz + cz * cof.yz;
-    f.linear.zx = ax * F.zx + cx * cof.zx;
-    f.linear.zy = ay * F.zy + cy * cof.zy;
-    f.linear.zz = az * F.zz + cz * cof.zz;
-  }
-  for (int entry = muscle_begin; entry < muscle_end; ++entry) {
-    const int muscle = muscle_entries[2 * entry], set = muscle_entries[2 * entry + 1];
-    add_muscle_stress(muscle_constants + muscle * TLED_MUSCLE_CONSTANTS,
-                      muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES), shape,
-                      activations[muscle], F, J, &f.linear);
-  }
+  f.linear = scaled_stress(t, k, parameters, links, lane, store);
   if (physical)
     f.hourglass =
-        physical_hourglass(parameters, shape, u.hourglass, cof, inverse_J, &f.linear);
+        physical_hourglass(parameters, t.shape, u.hourglass, k.cof, k.inverse_J, &f.linear);
   else
     f.hourglass = kappa_hourglass(parameters, u.hourglass);
   return f;

@@ -1,11 +1,11 @@
 // Elementary functions on realv without a division and without a library call, so that every
-// executor does the same operations. Their error is measured by tests/device/test_elementary.py.
+// executor does the same operations. Their error is measured by tests/verification/test_laws.py.
 
-// x^(-1/3) for x > 0. x is first brought towards 1 by a selected factor of 64, which covers any
-// volume ratio of an element that means something (0.004 to 256); beyond it digits are lost, no more.
+// x^(-1/3) for 1/32 < x < 32, which covers any volume ratio of an element that means something. x is
+// first brought into [1/4, 4] by a selected factor of 8. Beyond 32 digits are lost.
 INLINE realv inverse_cube_root(realv x) {
-  const realv one = broadcast(R(1.0)), scale_up = broadcast(R(64.0)), scale_down = broadcast(R(0.015625));
-  const realv root_up = broadcast(R(4.0)), root_down = broadcast(R(0.25));
+  const realv one = broadcast(R(1.0)), scale_up = broadcast(R(8.0)), scale_down = broadcast(R(0.125));
+  const realv root_up = broadcast(R(2.0)), root_down = broadcast(R(0.5));
   realv scale = x > R(4.0) ? scale_down : (x < R(0.25) ? scale_up : one);
   realv root = x > R(4.0) ? root_down : (x < R(0.25) ? root_up : one);
   realv t = x * scale;

@@ -6,19 +6,14 @@
 #define CORNER_REALS (3 * TLED_LANES)
 
 // Work-item: an element (block * TLED_LANES + lane). Reads u of 8 nodes, writes 24 reals.
-INLINE void element_forces_item(__global const real* u, __global real* element_forces,
-                                       __global const int* blocks, __global const real* materials,
-                                       __global const int* muscle_entries,
-                                       __global const real* muscle_sets,
-                                       __global const real* muscle_constants,
-                                       __global const real* shape, __global const real* step,
-                                       int n_blocks, const int physical) {
+INLINE void element_forces_item(ElementTables t, __global const real* u,
+                                __global real* element_forces, int n_blocks, int store,
+                                const int physical) {
   const int block = (int)(get_global_id(0) / TLED_LANES), lane = (int)(get_global_id(0) % TLED_LANES);
   if (block >= n_blocks) return;
+  __global const int* blocks = t.blocks;
   __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
   if (links[BLOCK_MATERIAL] < 0) return;
-  __global const real* parameters =
-      materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES) + lane;
   __global real* out = element_forces + (long)block * (8 * CORNER_REALS) + lane;
   // Slots of the lower corner in x of the four x edges, and of their far ends.
   const int next_z = links[BLOCK_NEXT_Z];
@@ -64,10 +59,7 @@ INLINE void element_forces_item(__global const real* u, __global real* element_f
   m.hourglass.xyz.x = modes[0][7];
   m.hourglass.xyz.y = modes[1][7];
   m.hourglass.xyz.z = modes[2][7];
-  // The lane's own muscle rows: the shared code steps by rows from a pointer to this lane.
-  const ElementModes f = compute_element_modes(
-      m, parameters, muscle_entries, links[BLOCK_MUSCLE_BEGIN], links[BLOCK_MUSCLE_END],
-      muscle_sets + lane, muscle_constants, step + STEP_ACTIVATION, shape, physical);
+  const ElementModes f = compute_element_modes(t, m, block, lane, store, physical);
   const real forces[3][8] = {{R(0.0), f.linear.xx, f.linear.xy, f.hourglass.xy.x, f.linear.xz,
                               f.hourglass.zx.x, f.hourglass.yz.x, f.hourglass.xyz.x},
                              {R(0.0), f.linear.yx, f.linear.yy, f.hourglass.xy.y, f.linear.yz,
@@ -89,16 +81,20 @@ INLINE void element_forces_item(__global const real* u, __global real* element_f
 }
 
 #define TLED_ELEMENT_KERNEL(name, physical)                                                        \
-  __kernel void name(__global const real* restrict u, __global real* restrict element_forces,      \
-                     __global const int* restrict blocks, __global const real* restrict materials, \
-                     __global const int* restrict muscle_entries,                                  \
-                     __global const real* restrict muscle_sets,                                    \
-                     __global const real* restrict muscle_constants,                               \
-                     __global const real* restrict shape, __global const real* restrict step_table,\
-                     int n_blocks, int step_index, int step_reals) {                               \
-    element_forces_item(u, element_forces, blocks, materials, muscle_entries, muscle_sets,         \
-                        muscle_constants, shape, step_table + step_index * step_reals, n_blocks,   \
-                        physical);                                                                 \
+  __kernel void name(                                                                              \
+      __global const real* restrict u, __global real* restrict element_forces,                     \
+      __global const int* restrict blocks, __global const real* restrict materials,                \
+      __global const int* restrict law_entries, __global const real* restrict law_sets,            \
+      __global const real* restrict history, __global real* restrict next_history,                 \
+      __global const int* restrict muscle_entries, __global const real* restrict muscle_sets,      \
+      __global const real* restrict muscle_constants, __global const real* restrict shape,         \
+      __global const real* restrict step_table, int n_blocks, int step_index, int step_reals,      \
+      int store) {                                                                                 \
+    const ElementTables t = {blocks,           materials,    law_entries,                          \
+                             law_sets,         history,      next_history,                         \
+                             muscle_entries,   muscle_sets,  muscle_constants,                     \
+                             shape,            step_table + step_index * step_reals};              \
+    element_forces_item(t, u, element_forces, n_blocks, store, physical);                          \
   }
 
 TLED_ELEMENT_KERNEL(element_forces_physical, 1)

@@ -1,7 +1,7 @@
 // Hourglass forces of a box from its Walsh-Hadamard modes (docs/explanation/hourglass.md).
 // Physical form: q = F^-1 s in each mode; the energy is that of the bending and twisting of a box
 // of linear elasticity, so the one-point element has the exact bending stiffness without a tunable
-// constant. kappa form: k s (Joldes, Wittek & Miller 2008; the seed's eq. 6-7).
+// constant. kappa form: k s (Joldes, Wittek & Miller 2008; Warburton & Maddock 2014, eq. 6-7).
 
 // The four hourglass modes; each a vector over components.
 typedef struct { Vec xy, yz, zx, xyz; } Hourglass;

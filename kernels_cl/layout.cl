@@ -6,7 +6,7 @@
 // (b n + r) TLED_LANES. One empty block stands behind the last; links that lead nowhere lead there.
 
 // blocks[TLED_BLOCK_INTS * block + ...]: links of one block.
-#define TLED_BLOCK_INTS 12
+#define TLED_BLOCK_INTS 16
 #define BLOCK_NEXT_X 0        // the block behind in x
 #define BLOCK_NEXT_Y 1        // the block behind in y; the one behind in z is always block + 1
 #define BLOCK_MATERIAL 2      // its row set in `materials`, -1: no element here
@@ -20,9 +20,12 @@
 #define BLOCK_NEXT_Z 10
 #define BLOCK_HAS_NEXT_X 11  // 0: BLOCK_NEXT_X is the empty block
 
+#define BLOCK_LAW_BEGIN 12  // its entries of `law_entries`
+#define BLOCK_LAW_END 13
+
 // materials: row sets of element parameters; blocks alike share one.
-#define TLED_MATERIAL_ROWS 9
-#define MATERIAL_MU 0              // Pa; 0: no element in this lane
+#define TLED_MATERIAL_ROWS 10
+#define MATERIAL_MU 0              // Pa, of the neo-Hookean share
 #define MATERIAL_BULK_LOG_HALF 1   // K/2 of U = K/4 (J^2 - 1 - 2 ln J)
 #define MATERIAL_BULK_QUADRATIC 2  // K of U = K/2 (J - 1)^2
 #define MATERIAL_NU 3
@@ -32,6 +35,11 @@
 #define MATERIAL_TWIST 7  // 16 V mu / 48
 #define MATERIAL_XYZ 8    // 16 V E / 144
 #define MATERIAL_KAPPA 4
+#define MATERIAL_PRESENT 9  // 1: there is an element in this lane, 0: there is none
+
+// law_entries[3 i]: law (its number in laws.cl), [3 i + 1]: first of its rows in `law_sets`,
+// [3 i + 2]: first of its rows in the history, -1: it has none. In rows of lanes.
+#define TLED_LAW_ENTRY 3
 
 // node_sets: row sets of nodal constants; blocks alike share one.
 #define TLED_NODE_ROWS 3  // 1/m per component, 1/kg; 0 where the component is fixed
@@ -44,7 +52,10 @@
 #define STEP_VELOCITY 0  // (1 - a dt/2) / (1 + a dt/2), a the damping
 #define STEP_FORCE 1     // dt^2 / (1 + a dt/2); half of it in the step that starts from rest
 #define STEP_GRAVITY 2   // three: gravity times the above
-#define STEP_ACTIVATION 8  // and on: activation of each muscle
+#define STEP_DT 6        // s
+#define STEP_TIME 7      // s, at the begin of the step
+#define STEP_UNIT 5      // 1, the factor of loads that do not change
+#define STEP_ACTIVATION 8  // and on: activation of each muscle, then conditions on nodes
 
 // shape: constants of the voxel.
 #define SHAPE_GRADIENT 0  // three: 1/(4 h_d)

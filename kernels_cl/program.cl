@@ -8,7 +8,9 @@
 #include "elementary.cl"
 #include "tensor.cl"
 #include "layout.cl"
-#include "material/neo_hookean.cl"
+#include "kinematics.cl"
+#include "base.cl"
+#include "laws.cl"
 #include "muscle/tension_length.cl"
 #include "hourglass.cl"
 #include "element.cl"
@@ -18,3 +20,4 @@
 #else
 #include "gather.cl"
 #endif
+#include "conditions.cl"

@@ -135,15 +135,12 @@ INLINE void integrate(__global const real* u, __global real* u_prev,
   store_lanes(next, u_prev);
 }
 
-INLINE void process_rows(__global const real* u, __global real* out,
-                                __global const int* bands, __global const int* rows,
-                                __global const int* blocks, __global const real* materials,
-                                __global const real* node_sets, __global const int* muscle_entries,
-                                __global const real* muscle_sets,
-                                __global const real* muscle_constants,
-                                __global const real* shape, __global const real* step,
-                                __global real* all_scratch, __global real* edge, int n_planes,
-                                const int physical, const int forces_only) {
+INLINE void process_rows(ElementTables t, __global const real* u, __global real* out,
+                         __global const int* bands, __global const int* rows,
+                         __global const real* node_sets, __global real* all_scratch,
+                         __global real* edge, int n_planes, const int physical,
+                         const int forces_only) {
+  __global const int* blocks = t.blocks;
   const int band = (int)get_global_id(0);
   __global real* scratch = all_scratch + (long)band * n_planes * (SCRATCH_ROWS * TLED_LANES);
   for (int row = bands[2 * band]; row < bands[2 * band + 1]; ++row) {
@@ -163,9 +160,7 @@ INLINE void process_rows(__global const real* u, __global real* out,
         const Face high = load_face(u, blocks, block + 1);
         const ElementModes m = element_modes(low, high);
         const ElementModes f = compute_element_modes(
-            m, materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES),
-            muscle_entries, links[BLOCK_MUSCLE_BEGIN], links[BLOCK_MUSCLE_END], muscle_sets,
-            muscle_constants, step + STEP_ACTIVATION, shape, physical);
+            t, m, block, 0, !forces_only && !(flags & ROW_SEED), physical);
         Vec px, py, pz;
         px.x = f.linear.xx;
         px.y = f.linear.yx;
@@ -193,7 +188,8 @@ INLINE void process_rows(__global const real* u, __global real* out,
       __global real* plane =
           scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
       __global real* plane_last = plane + 3 * TLED_LANES;
-      __global const real* from_left = edge + (long)block * 4;
+      // A seed row's forces are dropped, and the band below may be writing this edge just now.
+      __global const real* from_left = flags & ROW_SEED ? plane_last : edge + (long)block * 4;
       real right_x, right_y, right_z;
       Vec force;
       force.x = distribute(face_force.s.x, face_force.x.x, face_force.y.x, face_force.xy.x,
@@ -217,10 +213,11 @@ INLINE void process_rows(__global const real* u, __global real* out,
         } else {
           __global const real* w =
               node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
-          integrate(u + at, out + at, w, step, force.x, 0);
-          integrate(u + at + TLED_LANES, out + at + TLED_LANES, w + TLED_LANES, step, force.y, 1);
-          integrate(u + at + 2 * TLED_LANES, out + at + 2 * TLED_LANES, w + 2 * TLED_LANES, step,
-                    force.z, 2);
+          integrate(u + at, out + at, w, t.step, force.x, 0);
+          integrate(u + at + TLED_LANES, out + at + TLED_LANES, w + TLED_LANES, t.step,
+                    force.y, 1);
+          integrate(u + at + 2 * TLED_LANES, out + at + 2 * TLED_LANES, w + 2 * TLED_LANES,
+                    t.step, force.z, 2);
         }
       }
     }
@@ -234,15 +231,20 @@ INLINE void process_rows(__global const real* u, __global real* out,
       __global const real* restrict u, __global real* restrict u_prev,                             \
       __global const int* restrict bands, __global const int* restrict rows,                       \
       __global const int* restrict blocks, __global const real* restrict materials,                \
-      __global const real* restrict node_sets, __global const int* restrict muscle_entries,        \
+      __global const real* restrict node_sets, __global const int* restrict law_entries,           \
+      __global const real* restrict law_sets, __global const real* restrict history,               \
+      __global real* restrict next_history, __global const int* restrict muscle_entries,           \
       __global const real* restrict muscle_sets, __global const real* restrict muscle_constants,   \
       __global const real* restrict shape, __global const real* restrict step_table,               \
       __global real* restrict scratch, __global real* restrict edge, int n_bands, int n_planes,    \
       int step_index, int step_reals) {                                                            \
     if ((int)get_global_id(0) >= n_bands) return;                                                  \
-    process_rows(u, u_prev, bands, rows, blocks, materials, node_sets, muscle_entries,             \
-                 muscle_sets, muscle_constants, shape, step_table + step_index * step_reals,       \
-                 scratch, edge, n_planes, physical, forces_only);                                  \
+    const ElementTables t = {blocks,           materials,    law_entries,                          \
+                             law_sets,         history,      next_history,                         \
+                             muscle_entries,   muscle_sets,  muscle_constants,                     \
+                             shape,            step_table + step_index * step_reals};              \
+    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, physical,          \
+                 forces_only);                                                                     \
   }
 
 TLED_ROWS_KERNEL(step_rows_physical, 1, 0)

@@ -42,52 +42,36 @@ __kernel void element_growth(__global const real* restrict u, __global real* res
               growth + (long)block * TLED_LANES);
 }
 
-__kernel void element_state(__global const real* restrict u, __global real* restrict state,
-                            __global const int* restrict blocks,
-                            __global const real* restrict materials,
-                            __global const int* restrict muscle_entries,
-                            __global const real* restrict muscle_sets,
-                            __global const real* restrict muscle_constants,
-                            __global const real* restrict shape,
-                            __global const real* restrict step_table, int n_blocks, int step_index,
-                            int step_reals, int physical) {
+// Work-item: a block. history: as the steps left it; nothing of it is changed.
+__kernel void element_state(
+    __global const real* restrict u, __global real* restrict state,
+    __global const int* restrict blocks, __global const real* restrict materials,
+    __global const int* restrict law_entries, __global const real* restrict law_sets,
+    __global const real* restrict history, __global real* restrict next_history,
+    __global const int* restrict muscle_entries, __global const real* restrict muscle_sets,
+    __global const real* restrict muscle_constants, __global const real* restrict shape,
+    __global const real* restrict step, int n_blocks, int physical) {
   const int block = (int)get_global_id(0);
   if (block >= n_blocks) return;
   __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
   if (links[BLOCK_MATERIAL] < 0) return;
+  const ElementTables t = {blocks,           materials,    law_entries,
+                           law_sets,         history,      next_history,
+                           muscle_entries,   muscle_sets,  muscle_constants,
+                           shape,            step};
   __global const real* parameters =
       materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES);
   const ElementModes m = load_modes(u, blocks, block);
-  const Tensor F = deformation_gradient(m.linear, shape);
-  const Tensor cof = cofactors(F);
-  const realv J = volume_ratio(F, cof, parameters);
-  const realv inverse_J = R(1.0) / J;
-  const realv cube_root = inverse_cube_root(absolute(J));
+  const Kinematics k = kinematics(deformation_gradient(m.linear, shape), parameters);
+  const Tensor F = k.F;
 
-  // Stress without the hourglass centre term: the element's mean, scaled by V/(4 h_d).
-  const IsotropicStress s =
-      neo_hookean_stress(parameters, J, inverse_J, cube_root, squared_norm(F));
+  // Stress without the hourglass centre term: the element's mean.
+  Tensor P = scaled_stress(t, k, parameters, links, 0, 0);
   const real wx = shape[SHAPE_FORCE], wy = shape[SHAPE_FORCE + 1], wz = shape[SHAPE_FORCE + 2];
-  Tensor P;
-  P.xx = wx * (s.along_F * F.xx + s.along_cof * cof.xx);
-  P.xy = wy * (s.along_F * F.xy + s.along_cof * cof.xy);
-  P.xz = wz * (s.along_F * F.xz + s.along_cof * cof.xz);
-  P.yx = wx * (s.along_F * F.yx + s.along_cof * cof.yx);
-  P.yy = wy * (s.along_F * F.yy + s.along_cof * cof.yy);
-  P.yz = wz * (s.along_F * F.yz + s.along_cof * cof.yz);
-  P.zx = wx * (s.along_F * F.zx + s.along_cof * cof.zx);
-  P.zy = wy * (s.along_F * F.zy + s.along_cof * cof.zy);
-  P.zz = wz * (s.along_F * F.zz + s.along_cof * cof.zz);
-  for (int entry = links[BLOCK_MUSCLE_BEGIN]; entry < links[BLOCK_MUSCLE_END]; ++entry) {
-    const int muscle = muscle_entries[2 * entry], set = muscle_entries[2 * entry + 1];
-    add_muscle_stress(muscle_constants + muscle * TLED_MUSCLE_CONSTANTS,
-                      muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES), shape,
-                      step_table[step_index * step_reals + STEP_ACTIVATION + muscle], F, J, &P);
-  }
   Tensor unused = P;
   Hourglass f;
   if (physical)
-    f = physical_hourglass(parameters, shape, m.hourglass, cof, inverse_J, &unused);
+    f = physical_hourglass(parameters, shape, m.hourglass, k.cof, k.inverse_J, &unused);
   else
     f = kappa_hourglass(parameters, m.hourglass);
   // Both forms are quadratic in s at fixed F: the energy is half of s . f.
@@ -95,6 +79,12 @@ __kernel void element_state(__global const real* restrict u, __global real* rest
                                     dot_product(m.hourglass.yz, f.yz) +
                                     dot_product(m.hourglass.zx, f.zx) +
                                     dot_product(m.hourglass.xyz, f.xyz));
+  realv energy = base_energy(parameters, k);
+  for (int i = links[BLOCK_LAW_BEGIN]; i < links[BLOCK_LAW_END]; ++i) {
+    __global const int* entry = law_entries + TLED_LAW_ENTRY * i;
+    energy += law_energy(entry[0], k, law_sets + (long)entry[1] * TLED_LANES,
+                         law_state(t, entry, 0, 0));
+  }
 
   const real volume = wx / shape[SHAPE_GRADIENT];  // (V/4h)/(1/4h)
   P.xx *= R(1.0) / wx;
@@ -118,14 +108,14 @@ __kernel void element_state(__global const real* restrict u, __global real* rest
   store_lanes(F.zy, out + 7 * TLED_LANES);
   store_lanes(F.zz, out + 8 * TLED_LANES);
   out += STATE_SIGMA * TLED_LANES;  // sigma = P F^T / J
-  store_lanes((P.xx * F.xx + P.xy * F.xy + P.xz * F.xz) * inverse_J, out);
-  store_lanes((P.yx * F.yx + P.yy * F.yy + P.yz * F.yz) * inverse_J, out + TLED_LANES);
-  store_lanes((P.zx * F.zx + P.zy * F.zy + P.zz * F.zz) * inverse_J, out + 2 * TLED_LANES);
-  store_lanes((P.xx * F.yx + P.xy * F.yy + P.xz * F.yz) * inverse_J, out + 3 * TLED_LANES);
-  store_lanes((P.yx * F.zx + P.yy * F.zy + P.yz * F.zz) * inverse_J, out + 4 * TLED_LANES);
-  store_lanes((P.xx * F.zx + P.xy * F.zy + P.xz * F.zz) * inverse_J, out + 5 * TLED_LANES);
+  store_lanes((P.xx * F.xx + P.xy * F.xy + P.xz * F.xz) * k.inverse_J, out);
+  store_lanes((P.yx * F.yx + P.yy * F.yy + P.yz * F.yz) * k.inverse_J, out + TLED_LANES);
+  store_lanes((P.zx * F.zx + P.zy * F.zy + P.zz * F.zz) * k.inverse_J, out + 2 * TLED_LANES);
+  store_lanes((P.xx * F.yx + P.xy * F.yy + P.xz * F.yz) * k.inverse_J, out + 3 * TLED_LANES);
+  store_lanes((P.yx * F.zx + P.yy * F.zy + P.yz * F.zz) * k.inverse_J, out + 4 * TLED_LANES);
+  store_lanes((P.xx * F.zx + P.xy * F.zy + P.xz * F.zz) * k.inverse_J, out + 5 * TLED_LANES);
   out += 6 * TLED_LANES;
-  store_lanes(neo_hookean_energy(parameters, J, cube_root, squared_norm(F)), out);
+  store_lanes(energy, out);
   store_lanes(hourglass * (R(1.0) / volume), out + TLED_LANES);
-  store_lanes(stiffness_growth(F, cof, parameters, shape), out + 2 * TLED_LANES);
+  store_lanes(stiffness_growth(F, k.cof, parameters, shape), out + 2 * TLED_LANES);
 }

@@ -33,8 +33,9 @@ class Buffer {
  public:
   virtual ~Buffer() = default;
   virtual std::size_t bytes() const = 0;
-  virtual void write(const void* source, std::size_t bytes, std::size_t offset = 0) = 0;  // blocking
-  virtual void read(void* target, std::size_t bytes, std::size_t offset = 0) const = 0;   // blocking
+  virtual void write(const void* source, std::size_t bytes,
+                     std::size_t offset = 0) = 0;                                        // blocking
+  virtual void read(void* target, std::size_t bytes, std::size_t offset = 0) const = 0;  // blocking
   // The memory itself where the host can use it as it is (native), else null.
   virtual void* host_pointer() const { return nullptr; }
   // cl_mem where the device is an OpenCL one, else null.
@@ -86,7 +87,8 @@ class Device {
 std::shared_ptr<Device> make_native_device();
 DeviceInfo native_device_info();
 
-// OpenCL (csrc/backend/opencl). Every listed device, probed once a process with a real kernel; empty when no loader is found.
+// OpenCL (csrc/backend/opencl). Every listed device, probed once a process with a real kernel;
+// empty when no loader is found.
 std::vector<DeviceInfo> opencl_devices();
 // Where the OpenCL library came from, or why none was found; one line, for `tledface doctor`.
 std::string opencl_loader_report();
@@ -97,7 +99,8 @@ std::shared_ptr<Device> make_opencl_device_from_handle(std::uintptr_t cl_device_
 
 // All devices: native first, then OpenCL.
 std::vector<DeviceInfo> all_devices();
-// "auto" (a working GPU, else native), "native", "opencl" (first that works, GPUs first), "opencl:N".
+// "auto" (a working GPU, else native), "native", "opencl" (first that works, GPUs first),
+// "opencl:N".
 std::shared_ptr<Device> open_device(const std::string& spec);
 
 }  // namespace tledface

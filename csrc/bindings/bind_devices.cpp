@@ -80,8 +80,10 @@ void launch(Device& device, const std::string& name, const py::sequence& argumen
   const auto kernel = build()->kernel(name);
   unsigned index = 0;
   for (const py::handle argument : arguments) {
-    if (py::isinstance<Buffer>(argument)) kernel->set_arg(index, argument.cast<const Buffer&>());
-    else kernel->set_arg(index, argument.cast<std::int32_t>());
+    if (py::isinstance<Buffer>(argument))
+      kernel->set_arg(index, argument.cast<const Buffer&>());
+    else
+      kernel->set_arg(index, argument.cast<std::int32_t>());
     ++index;
   }
   py::gil_scoped_release release;

@@ -3,8 +3,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <optional>
+
 #include "core/bandwidth.hpp"
 #include "core/error.hpp"
+#include "precompute/law_table.hpp"
 #include "sim/simulator.hpp"
 
 namespace py = pybind11;
@@ -34,7 +37,8 @@ py::array_t<T> to_array(std::vector<T>&& values, py::ssize_t columns = 0) {
 VoxelModel make_model(std::array<double, 3> voxel, const Array<std::int32_t>& cells,
                       const Array<std::int32_t>& node_ijk, const Array<double>& mu,
                       const Array<double>& bulk_log, const Array<double>& bulk_quadratic,
-                      const Array<double>& density, const Array<double>& bending_modulus,
+                      const Array<double>& density, const Array<double>& shear_modulus,
+                      const Array<double>& bulk_modulus, const Array<double>& bending_modulus,
                       const Array<std::uint8_t>& fixed, std::array<double, 3> gravity) {
   VoxelModel model;
   model.voxel = voxel;
@@ -44,6 +48,8 @@ VoxelModel make_model(std::array<double, 3> voxel, const Array<std::int32_t>& ce
   model.bulk_log = to_vector(bulk_log);
   model.bulk_quadratic = to_vector(bulk_quadratic);
   model.density = to_vector(density);
+  model.shear_modulus = to_vector(shear_modulus);
+  model.bulk_modulus = to_vector(bulk_modulus);
   model.bending_modulus = to_vector(bending_modulus);
   model.fixed = to_vector(fixed);
   model.gravity = gravity;
@@ -52,11 +58,13 @@ VoxelModel make_model(std::array<double, 3> voxel, const Array<std::int32_t>& ce
 
 void add_muscle(VoxelModel& model, const std::string& name, const Array<std::int64_t>& elements,
                 const Array<double>& fibre, const Array<double>& weight, double sigma_act,
-                double sigma_pas, double lambda_opt, double lambda_pas, bool printed_passive) {
+                double sigma_pas, double lambda_opt, double lambda_pas, bool calcium, double beta,
+                bool printed_passive) {
   if (fibre.size() != 3 * elements.size() || weight.size() != elements.size())
     throw InputError("muscle '" + name + "': elements, fibre and weight differ in length");
   model.muscles.push_back({name, to_vector(elements), to_vector(fibre), to_vector(weight),
-                           sigma_act, sigma_pas, lambda_opt, lambda_pas, printed_passive});
+                           sigma_act, sigma_pas, lambda_opt, lambda_pas, calcium, beta,
+                           printed_passive});
 }
 
 template <class T>
@@ -74,23 +82,61 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
                                           const std::string& precision,
                                           const std::string& hourglass, double kappa,
                                           double damping, double mass_scaling,
-                                          const std::string& kernels, std::size_t n_bands) {
+                                          const std::string& kernels, std::size_t n_bands,
+                                          const Conditions* conditions) {
   SimulatorOptions options;
   options.precision = pick<Precision>(
       "precision", precision, {{"single", Precision::kSingle}, {"double", Precision::kDouble}});
-  options.hourglass =
-      pick<HourglassForm>("hourglass", hourglass,
-                          {{"physical", HourglassForm::kPhysical}, {"joldes", HourglassForm::kKappa}});
-  options.kernels = pick<KernelPath>("kernels", kernels,
-                                     {{"auto", KernelPath::kAuto},
-                                      {"rows", KernelPath::kRows},
-                                      {"gather", KernelPath::kGather}});
+  options.hourglass = pick<HourglassForm>(
+      "hourglass", hourglass,
+      {{"physical", HourglassForm::kPhysical}, {"joldes", HourglassForm::kKappa}});
+  options.kernels = pick<KernelPath>(
+      "kernels", kernels,
+      {{"auto", KernelPath::kAuto}, {"rows", KernelPath::kRows}, {"gather", KernelPath::kGather}});
   options.kappa = kappa;
   options.damping = damping;
   options.mass_scaling = mass_scaling;
   options.n_bands = n_bands;
   py::gil_scoped_release release;
-  return std::make_unique<Simulator>(std::move(device), model, options);
+  return std::make_unique<Simulator>(std::move(device), model, options,
+                                     conditions ? *conditions : Conditions());
+}
+
+void add_prescribed(Conditions& conditions, const Array<std::int64_t>& dofs) {
+  const auto given = to_vector(dofs);
+  conditions.prescribed_dofs.insert(conditions.prescribed_dofs.end(), given.begin(), given.end());
+  conditions.prescribed_channels.insert(conditions.prescribed_channels.end(), given.size(),
+                                        conditions.n_prescribed++);
+}
+
+void add_fields(Conditions& conditions, const Array<std::int64_t>& dofs) {
+  const auto given = to_vector(dofs);
+  conditions.field_dofs.insert(conditions.field_dofs.end(), given.begin(), given.end());
+}
+
+void add_load(Conditions& conditions, const Array<std::int64_t>& dofs,
+              const Array<double>& forces) {
+  if (dofs.size() != forces.size())
+    throw InputError("load: degrees of freedom and forces differ in length");
+  const auto given = to_vector(dofs);
+  const auto values = to_vector(forces);
+  conditions.load_dofs.insert(conditions.load_dofs.end(), given.begin(), given.end());
+  conditions.load_forces.insert(conditions.load_forces.end(), values.begin(), values.end());
+  conditions.load_channels.insert(conditions.load_channels.end(), given.size(),
+                                  conditions.n_loads++);
+}
+
+void add_pressure(Conditions& conditions, const Array<std::int32_t>& faces) {
+  const auto given = to_vector(faces);
+  if (given.size() % 4 != 0) throw InputError("pressure: a face has four nodes");
+  conditions.pressure_faces.insert(conditions.pressure_faces.end(), given.begin(), given.end());
+  conditions.pressure_channels.insert(conditions.pressure_channels.end(), given.size() / 4,
+                                      conditions.n_pressures++);
+}
+
+StepInput make_input(const Array<double>& activations, const Array<double>& values,
+                     const Array<double>& keys) {
+  return {to_vector(activations), to_vector(values), to_vector(keys)};
 }
 
 // (dt, node, element)
@@ -101,33 +147,121 @@ py::tuple bound_tuple(const TimeStepBound& bound) {
 }  // namespace
 
 void define_simulator(py::module_& module) {
-  module.def("copy_bandwidth", [] { return copy_bandwidth(); },
-             py::call_guard<py::gil_scoped_release>(), "Copy bandwidth of the host, GB/s.");
+  module.def(
+      "copy_bandwidth", [] { return copy_bandwidth(); }, py::call_guard<py::gil_scoped_release>(),
+      "Copy bandwidth of the host, GB/s.");
   py::class_<VoxelModel>(module, "VoxelModel", "Plain arrays of a voxel model; see Model.")
       .def(py::init(&make_model), py::kw_only(), py::arg("voxel"), py::arg("cells"),
            py::arg("node_ijk"), py::arg("mu"), py::arg("bulk_log"), py::arg("bulk_quadratic"),
-           py::arg("density"), py::arg("bending_modulus"), py::arg("fixed"), py::arg("gravity"))
+           py::arg("density"), py::arg("shear_modulus"), py::arg("bulk_modulus"),
+           py::arg("bending_modulus"), py::arg("fixed"), py::arg("gravity"))
+      .def(
+          "add_law",
+          [](VoxelModel& model, const std::string& name, const Array<std::int64_t>& elements,
+             const Array<double>& rows) {
+            law_number(name);
+            model.laws.push_back({name, to_vector(elements), to_vector(rows)});
+          },
+          py::kw_only(), py::arg("name"), py::arg("elements"), py::arg("rows"))
       .def("add_muscle", &add_muscle, py::kw_only(), py::arg("name"), py::arg("elements"),
            py::arg("fibre"), py::arg("weight"), py::arg("sigma_act"), py::arg("sigma_pas"),
-           py::arg("lambda_opt"), py::arg("lambda_pas"), py::arg("printed_passive") = false);
+           py::arg("lambda_opt"), py::arg("lambda_pas"), py::arg("calcium") = false,
+           py::arg("beta") = 0.0, py::arg("printed_passive") = false);
+
+  module.def(
+      "element_stiffness",
+      [](const VoxelModel& model) { return to_array(element_stiffness(model)); }, py::arg("model"),
+      "Stiffness of each element at rest, fibres at their steepest, Pa/m2: density omega^2 / 4.");
+
+  py::class_<Conditions>(module, "Conditions", "What acts on single nodes; see Model.")
+      .def(py::init<>())
+      .def("add_prescribed", &add_prescribed, py::arg("dofs"))
+      .def("add_fields", &add_fields, py::arg("dofs"))
+      .def("add_load", &add_load, py::arg("dofs"), py::arg("forces"))
+      .def("add_pressure", &add_pressure, py::arg("faces"));
 
   py::class_<Simulator>(module, "Simulator", "The step loop on one device; see tledface.Simulator.")
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
            py::arg("precision"), py::arg("hourglass"), py::arg("kappa"), py::arg("damping"),
-           py::arg("mass_scaling"), py::arg("kernels") = "auto", py::arg("n_bands") = 0)
+           py::arg("mass_scaling"), py::arg("kernels") = "auto", py::arg("n_bands") = 0,
+           py::arg("conditions") = py::none())
       .def(
           "step",
-          [](Simulator& sim, std::size_t n, const Array<double>& activations) {
-            const auto values = to_vector(activations);
+          [](Simulator& sim, std::size_t n, const Array<double>& activations,
+             const std::optional<Array<double>>& values, const std::optional<Array<double>>& keys) {
+            const Array<double> none(0);
+            const StepInput input =
+                make_input(activations, values.value_or(none), keys.value_or(none));
             py::gil_scoped_release release;
-            sim.step(n, values);
+            sim.step(n, input);
           },
-          py::arg("n"), py::arg("activations"))
+          py::arg("n"), py::arg("activations"), py::arg("values") = py::none(),
+          py::arg("keys") = py::none())
+      .def_property_readonly("n_prescribed",
+                             [](const Simulator& sim) { return sim.conditions().n_prescribed; })
+      .def("first_key", &Simulator::first_key)
+      .def("last_key", &Simulator::last_key, py::arg("steps"))
+      .def("key_time", &Simulator::key_time, py::arg("key"))
+      .def(
+          "set_prescribed",
+          [](Simulator& sim, const Array<double>& values, const Array<double>& fields) {
+            sim.set_prescribed(to_vector(values), to_vector(fields));
+          },
+          py::arg("values"), py::arg("fields"))
+      .def(
+          "external_force",
+          [](Simulator& sim, const Array<double>& values) {
+            return to_array(sim.external_force(to_vector(values)), 3);
+          },
+          py::arg("values"))
+      .def(
+          "begin_relaxation",
+          [](Simulator& sim, const Array<double>& node_mass) {
+            sim.begin_relaxation(to_vector(node_mass));
+          },
+          py::arg("node_mass"))
+      .def(
+          "relax",
+          // steps: (n, 3) of RelaxationStep.
+          [](Simulator& sim, const Array<double>& steps, const Array<double>& activations,
+             const Array<double>& values, const Array<double>& keys) {
+            std::vector<RelaxationStep> rows(static_cast<std::size_t>(steps.size() / 3));
+            for (std::size_t i = 0; i < rows.size(); ++i)
+              rows[i] = {steps.data()[3 * i], steps.data()[3 * i + 1], steps.data()[3 * i + 2]};
+            const StepInput input = make_input(activations, values, keys);
+            py::gil_scoped_release release;
+            sim.relax(rows, input);
+          },
+          py::arg("steps"), py::arg("activations"), py::arg("values"), py::arg("keys"))
+      .def("end_relaxation", &Simulator::end_relaxation)
+      .def("relaxation_masses", [](Simulator& sim) { return to_array(sim.relaxation_masses()); })
       .def("finish", &Simulator::finish, py::call_guard<py::gil_scoped_release>())
       .def_property("dt", &Simulator::dt, &Simulator::set_dt)
       .def("bound_at_rest", [](const Simulator& sim) { return bound_tuple(sim.bound_at_rest()); })
-      .def("bound_now", [](Simulator& sim) { return bound_tuple(sim.bound_now()); })
+      .def(
+          "limit_now",
+          // (limit, node, element, iterated)
+          [](Simulator& sim, const Array<double>& activations, double enough, double reach_low,
+             double reach_high) {
+            const auto values = to_vector(activations);
+            py::gil_scoped_release release;
+            const StepLimit limit = sim.limit_now(values, reach_low, reach_high, enough);
+            py::gil_scoped_acquire acquire;
+            return py::make_tuple(limit.dt, limit.bound.node, limit.bound.element, limit.iterated);
+          },
+          py::arg("activations"), py::arg("enough"), py::arg("reach_low") = 1.0,
+          py::arg("reach_high") = 1.0)
+      .def(
+          "measured_limit",
+          [](Simulator& sim, const Array<double>& activations) {
+            const StepLimit limit = sim.measured_limit(to_vector(activations));
+            return py::make_tuple(limit.dt, limit.bound.node, limit.bound.element);
+          },
+          py::arg("activations"))
       .def_property_readonly("time", &Simulator::time)
+      // Whether the next step is the first from a given state.
+      .def_property_readonly("starts", &Simulator::starts)
+      .def("time_after", &Simulator::time_after, py::arg("steps"))
       .def_property_readonly("n_steps", &Simulator::n_steps)
       .def_property_readonly("uses_rows", &Simulator::uses_rows)
       .def_property_readonly("fill", [](const Simulator& sim) { return sim.arrays().fill(); })
@@ -135,10 +269,9 @@ void define_simulator(py::module_& module) {
       .def_property_readonly("lanes", [](const Simulator& sim) { return sim.arrays().lanes; })
       .def_property_readonly("n_blocks", [](const Simulator& sim) { return sim.arrays().n_blocks; })
       .def_property_readonly("axis_order", [](const Simulator& sim) { return sim.arrays().order; })
-      .def_property_readonly("single",
-                             [](const Simulator& sim) {
-                               return sim.options().precision == Precision::kSingle;
-                             })
+      .def_property_readonly(
+          "single",
+          [](const Simulator& sim) { return sim.options().precision == Precision::kSingle; })
       .def("node_slots",
            [](const Simulator& sim) {
              return to_array(std::vector<std::int64_t>(sim.arrays().node_slot));
@@ -155,6 +288,35 @@ void define_simulator(py::module_& module) {
             sim.set_state(to_vector(u), to_vector(velocity), time);
           },
           py::arg("u"), py::arg("velocity"), py::arg("time"))
+      .def("raw_state",
+           [](Simulator& sim) {
+             RawState state = sim.raw_state();
+             py::dict result;
+             result["u"] = to_array(std::move(state.u));
+             result["u_prev"] = to_array(std::move(state.u_prev));
+             result["history"] = to_array(std::move(state.history));
+             result["clock_start"] = state.clock_start;
+             result["clock_steps"] = state.clock_steps;
+             result["dt"] = state.dt;
+             result["n_steps"] = state.n_steps;
+             result["starts"] = state.starts;
+             result["limit_squares"] = to_array(std::move(state.limit_squares));
+             result["limit_square"] = state.limit_square;
+             return result;
+           })
+      .def(
+          "set_raw_state",
+          [](Simulator& sim, const Array<std::uint8_t>& u, const Array<std::uint8_t>& u_prev,
+             const Array<std::uint8_t>& history, double clock_start, std::int64_t clock_steps,
+             double dt, std::int64_t n_steps, bool starts, const Array<double>& limit_squares,
+             double limit_square) {
+            sim.set_raw_state({to_vector(u), to_vector(u_prev), to_vector(history), clock_start, dt,
+                               clock_steps, n_steps, starts, to_vector(limit_squares),
+                               limit_square});
+          },
+          py::kw_only(), py::arg("u"), py::arg("u_prev"), py::arg("history"),
+          py::arg("clock_start"), py::arg("clock_steps"), py::arg("dt"), py::arg("n_steps"),
+          py::arg("starts"), py::arg("limit_squares"), py::arg("limit_square"))
       .def("internal_force",
            [](Simulator& sim, const Array<double>& activations) {
              return to_array(sim.internal_force(to_vector(activations)), 3);
@@ -172,11 +334,11 @@ void define_simulator(py::module_& module) {
            })
       .def("first_non_finite_node", &Simulator::first_non_finite_node)
       // The displacement buffer: address in this process (native) or cl_mem (OpenCL), else 0.
-      .def_property_readonly("buffer_address",
-                             [](const Simulator& sim) {
-                               return reinterpret_cast<std::uintptr_t>(
-                                   sim.displacement_buffer().host_pointer());
-                             })
+      .def_property_readonly(
+          "buffer_address",
+          [](const Simulator& sim) {
+            return reinterpret_cast<std::uintptr_t>(sim.displacement_buffer().host_pointer());
+          })
       .def_property_readonly("buffer_handle", [](const Simulator& sim) {
         return reinterpret_cast<std::uintptr_t>(sim.displacement_buffer().opencl_handle());
       });

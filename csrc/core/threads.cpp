@@ -3,12 +3,17 @@
 #include "core/threads.hpp"
 
 #include <sched.h>
+#include <unistd.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <condition_variable>
+#include <cstdint>
 #include <cstdlib>
 #include <exception>
+#include <fstream>
 #include <mutex>
 #include <string>
 #include <thread>
@@ -35,16 +40,6 @@ class Pool {
   explicit Pool(std::size_t n_threads) {
     for (std::size_t i = 1; i < n_threads; ++i) workers_.emplace_back([this] { work(); });
   }
-  ~Pool() {
-    {
-      std::lock_guard<std::mutex> lock(mutex_);
-      stop_ = true;
-      generation_.fetch_add(1, std::memory_order_release);
-    }
-    wake_.notify_all();
-    for (auto& worker : workers_) worker.join();
-  }
-
   void run(std::size_t n_items, const std::function<void(std::size_t)>& body) {
     std::lock_guard<std::mutex> one_region_at_a_time(region_);
     body_ = &body;
@@ -59,8 +54,10 @@ class Pool {
     if (sleepers_.load(std::memory_order_acquire) > 0) wake_.notify_all();
     take_items();
     for (int spins = 0; busy_.load(std::memory_order_acquire) > 0; ++spins) {
-      if (spins < 4096) pause_cpu();
-      else std::this_thread::yield();
+      if (spins < 4096)
+        pause_cpu();
+      else
+        std::this_thread::yield();
     }
     if (error_) std::rethrow_exception(error_);
   }
@@ -95,7 +92,6 @@ class Pool {
         break;
       }
       seen = generation_.load(std::memory_order_acquire);
-      if (stop_) return;
       take_items();
       busy_.fetch_sub(1, std::memory_order_release);
     }
@@ -108,12 +104,34 @@ class Pool {
   const std::function<void(std::size_t)>* body_ = nullptr;
   std::size_t n_items_ = 0;
   std::exception_ptr error_;
-  bool stop_ = false;
 };
 
+// Made when first needed and never taken down: its threads end with the process. A forked child
+// has none of its parent's threads and makes a pool of its own.
 Pool& pool() {
-  static Pool instance(thread_count());
-  return instance;
+  static std::mutex mutex;
+  static Pool* instance = nullptr;
+  static pid_t owner = 0;
+  std::lock_guard<std::mutex> lock(mutex);
+  if (!instance || owner != getpid()) {
+    instance = new Pool(thread_count());
+    owner = getpid();
+  }
+  return *instance;
+}
+
+// Cores that the container may use by its quota (control groups, version 2 then 1): threads beyond
+// it would spin away the time of those that work.
+std::size_t quota() {
+  double limit = 0, period = 0;
+  if (std::ifstream file("/sys/fs/cgroup/cpu.max"); file >> limit >> period) {
+  } else {
+    std::ifstream quota_file("/sys/fs/cgroup/cpu/cpu.cfs_quota_us");
+    std::ifstream period_file("/sys/fs/cgroup/cpu/cpu.cfs_period_us");
+    if (!(quota_file >> limit && period_file >> period)) return SIZE_MAX;
+  }
+  if (!(limit > 0 && period > 0)) return SIZE_MAX;
+  return static_cast<std::size_t>(std::max(1.0, std::ceil(limit / period)));
 }
 
 std::size_t count_threads() {
@@ -125,12 +143,12 @@ std::size_t count_threads() {
                        "', allowed is a whole number from 1 to 4096; unset it to use every core");
     return static_cast<std::size_t>(wanted);
   }
+  std::size_t count = std::max(1u, std::thread::hardware_concurrency());
   cpu_set_t allowed;
   CPU_ZERO(&allowed);
   if (sched_getaffinity(0, sizeof allowed, &allowed) == 0 && CPU_COUNT(&allowed) > 0)
-    return static_cast<std::size_t>(CPU_COUNT(&allowed));
-  const unsigned hardware = std::thread::hardware_concurrency();
-  return hardware ? hardware : 1;
+    count = static_cast<std::size_t>(CPU_COUNT(&allowed));
+  return std::min(count, quota());
 }
 
 }  // namespace

@@ -10,8 +10,9 @@ namespace tledface {
 // Threads a parallel region uses: TLEDFACE_NUM_THREADS if set, else the cores this process may use.
 std::size_t thread_count();
 
-// Runs body(item) for item in [0, n_items), the caller's thread included; returns when all are done.
-// An exception in a body is rethrown here (the first one). Calls from inside a body run serially.
+// Runs body(item) for item in [0, n_items), the caller's thread included; returns when all are
+// done. An exception in a body is rethrown here (the first one). Calls from inside a body run
+// serially.
 void parallel_for(std::size_t n_items, const std::function<void(std::size_t)>& body);
 
 // As above with chunks: body(begin, end), chunks of at most `grain` items.

@@ -4,13 +4,15 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 #include <string>
 #include <unordered_map>
 
 #include "core/error.hpp"
 #include "core/threads.hpp"
+#include "precompute/law_entries.hpp"
+#include "precompute/law_table.hpp"
 #include "precompute/layout.hpp"
+#include "precompute/row_sets.hpp"
 
 namespace tledface {
 namespace {
@@ -25,24 +27,6 @@ Key block_key(std::int32_t chunk, std::int32_t y, std::int32_t z) {
   return (Key(chunk) << (2 * kKeyBits)) | (Key(y) << kKeyBits) | Key(z);
 }
 
-// Row sets: `rows` rows of lanes each, identical ones stored once.
-class RowSets {
- public:
-  RowSets(std::size_t reals, std::vector<double>& storage) : reals_(reals), storage_(storage) {}
-
-  std::int32_t add(const std::vector<double>& set) {
-    const std::string bytes(reinterpret_cast<const char*>(set.data()), reals_ * sizeof(double));
-    const auto [it, is_new] = index_.emplace(bytes, static_cast<std::int32_t>(index_.size()));
-    if (is_new) storage_.insert(storage_.end(), set.begin(), set.end());
-    return it->second;
-  }
-
- private:
-  std::size_t reals_;
-  std::vector<double>& storage_;
-  std::unordered_map<std::string, std::int32_t> index_;
-};
-
 // The fast axis is the one that needs fewest blocks of lanes, the band axis the longer one left.
 std::array<int, 3> choose_axis_order(const VoxelModel& model, int lanes) {
   std::array<std::int32_t, 3> extent{};
@@ -56,11 +40,10 @@ std::array<int, 3> choose_axis_order(const VoxelModel& model, int lanes) {
       keys[e] = block_key(model.cells[3 * e + fast] / lanes, model.cells[3 * e + a],
                           model.cells[3 * e + b]);
     std::sort(keys.begin(), keys.end());
-    n_blocks[fast] =
-        static_cast<std::size_t>(std::unique(keys.begin(), keys.end()) - keys.begin());
+    n_blocks[fast] = static_cast<std::size_t>(std::unique(keys.begin(), keys.end()) - keys.begin());
   }
-  const int fast = static_cast<int>(std::min_element(n_blocks.begin(), n_blocks.end()) -
-                                    n_blocks.begin());
+  const int fast =
+      static_cast<int>(std::min_element(n_blocks.begin(), n_blocks.end()) - n_blocks.begin());
   int band = fast == 0 ? 1 : 0, march = fast == 2 ? 1 : 2;
   if (extent[march] > extent[band]) std::swap(band, march);
   return {fast, band, march};
@@ -70,7 +53,8 @@ void check(const VoxelModel& model) {
   const std::size_t n = model.n_elements();
   if (n == 0) throw InputError("model: it has no element; nothing can be simulated");
   if (model.mu.size() != n || model.bulk_log.size() != n || model.bulk_quadratic.size() != n ||
-      model.density.size() != n || model.bending_modulus.size() != 3 * n ||
+      model.density.size() != n || model.shear_modulus.size() != n ||
+      model.bulk_modulus.size() != n || model.bending_modulus.size() != 3 * n ||
       model.fixed.size() != model.node_ijk.size())
     throw InputError("model: arrays of elements or nodes differ in length");
   for (const std::int32_t index : model.cells)
@@ -78,8 +62,7 @@ void check(const VoxelModel& model) {
       throw InputError("model: grid index " + std::to_string(index) + ", allowed is 0 to " +
                        std::to_string(kLargestIndex));
   for (std::size_t e = 0; e < n; ++e)
-    if (!(model.mu[e] > 0) || !(model.bulk_log[e] + model.bulk_quadratic[e] > 0) ||
-        !(model.density[e] > 0))
+    if (!(model.shear_modulus[e] > 0) || !(model.bulk_modulus[e] > 0) || !(model.density[e] > 0))
       throw InputError("model: element " + std::to_string(e) +
                        " has a shear modulus, bulk modulus or density that is not positive");
 }
@@ -94,7 +77,8 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
   check(model);
   SolverArrays arrays;
   const int lanes = arrays.lanes = options.lanes;
-  const auto order = arrays.order = choose_axis_order(model, lanes);
+  const auto order = arrays.order =
+      options.axis_order[0] >= 0 ? options.axis_order : choose_axis_order(model, lanes);
   const std::size_t n_elements = model.n_elements(), n_nodes = model.n_nodes();
   const double h[3] = {model.voxel[order[0]], model.voxel[order[1]], model.voxel[order[2]]};
   const double volume = h[0] * h[1] * h[2];
@@ -109,7 +93,8 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
   std::sort(sorted.begin(), sorted.end());
   sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
   if (sorted.size() > std::size_t(std::numeric_limits<std::int32_t>::max() / 64))
-    throw InputError("model: " + std::to_string(n_nodes) + " nodes are more than the solver can index");
+    throw InputError("model: " + std::to_string(n_nodes) +
+                     " nodes are more than the solver can index");
   const std::int32_t n_blocks = arrays.n_blocks = static_cast<std::int32_t>(sorted.size());
   std::unordered_map<Key, std::int32_t> index;
   index.reserve(sorted.size());
@@ -122,8 +107,8 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
 
   arrays.node_slot.resize(n_nodes);
   for (std::size_t n = 0; n < n_nodes; ++n)
-    arrays.node_slot[n] = std::int64_t(index.at(keys[n])) * lanes +
-                          model.node_ijk[3 * n + order[0]] % lanes;
+    arrays.node_slot[n] =
+        std::int64_t(index.at(keys[n])) * lanes + model.node_ijk[3 * n + order[0]] % lanes;
   arrays.element_slot.resize(n_elements);
   for (std::size_t e = 0; e < n_elements; ++e) {
     const auto p = permuted(&model.cells[3 * e], order);
@@ -142,8 +127,8 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
   for (std::int32_t b = 0; b <= n_blocks; ++b) {
     std::int32_t* links = &arrays.blocks[std::size_t(b) * TLED_BLOCK_INTS];
     links[BLOCK_MATERIAL] = -1;
-    for (const int link : {BLOCK_NEXT_X, BLOCK_NEXT_Y, BLOCK_NEXT_Z, BLOCK_PREV_X, BLOCK_PREV_Y,
-                           BLOCK_PREV_Z})
+    for (const int link :
+         {BLOCK_NEXT_X, BLOCK_NEXT_Y, BLOCK_NEXT_Z, BLOCK_PREV_X, BLOCK_PREV_Y, BLOCK_PREV_Z})
       links[link] = n_blocks;
     if (b == n_blocks) break;
     const std::int32_t x = std::int32_t(sorted[b] >> (2 * kKeyBits)),
@@ -180,11 +165,12 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
       const std::int64_t e = element_at[std::size_t(b) * lanes + lane];
       if (e < 0) continue;
       has_element = true;
-      const double mu = model.mu[e], bulk = model.bulk_log[e] + model.bulk_quadratic[e];
+      const double mu = model.shear_modulus[e], bulk = model.bulk_modulus[e];
       const double nu = (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu));
       const double youngs_modulus = 9 * bulk * mu / (3 * bulk + mu);
       const auto put = [&](int row, double value) { set[std::size_t(row) * lanes + lane] = value; };
-      put(MATERIAL_MU, mu);
+      put(MATERIAL_PRESENT, 1);
+      put(MATERIAL_MU, model.mu[e]);
       put(MATERIAL_BULK_LOG_HALF, model.bulk_log[e] / 2);
       put(MATERIAL_BULK_QUADRATIC, model.bulk_quadratic[e]);
       if (options.hourglass == HourglassForm::kPhysical) {
@@ -202,6 +188,8 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
     arrays.blocks[std::size_t(b) * TLED_BLOCK_INTS + BLOCK_MATERIAL] = materials.add(set);
     ++arrays.n_element_blocks;
   }
+
+  add_laws(model, arrays);
 
   // Masses and fixed components.
   arrays.node_mass.assign(n_nodes, 0);
@@ -242,15 +230,16 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
       if (e < 0 || e >= static_cast<std::int64_t>(n_elements))
         throw InputError("muscle '" + muscle.name + "': element " + std::to_string(e) +
                          " does not exist");
-      fibres.push_back({arrays.element_slot[e], static_cast<std::int32_t>(m),
-                        static_cast<std::int64_t>(i)});
+      fibres.push_back(
+          {arrays.element_slot[e], static_cast<std::int32_t>(m), static_cast<std::int64_t>(i)});
     }
     const double lo = muscle.lambda_opt, at_line = std::exp(6.6 * (muscle.lambda_pas - 1));
-    const double line = muscle.printed_passive ? 2.18 * muscle.lambda_pas - 2.47
-                                               : 0.05 * (at_line - 1);
+    const double line =
+        muscle.printed_passive ? 2.18 * muscle.lambda_pas - 2.47 : 0.05 * (at_line - 1);
     const double constants[TLED_MUSCLE_CONSTANTS] = {
-        muscle.sigma_act, -25 / (4 * lo * lo), 25 / (2 * lo), muscle.sigma_pas,
-        muscle.lambda_pas, line, 0, 0};
+        muscle.sigma_act,           -25 / (4 * lo * lo), 25 / (2 * lo),
+        muscle.sigma_pas,           muscle.lambda_pas,   line,
+        muscle.calcium ? 1.0 : 0.0, muscle.beta};
     arrays.muscle_constants.insert(arrays.muscle_constants.end(), std::begin(constants),
                                    std::end(constants));
   }
@@ -269,7 +258,8 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
     while (i < fibres.size() && fibres[i].slot / lanes == block) {
       const std::int32_t muscle = fibres[i].muscle;
       std::fill(muscle_set.begin(), muscle_set.end(), 0.0);
-      for (; i < fibres.size() && fibres[i].slot / lanes == block && fibres[i].muscle == muscle; ++i) {
+      for (; i < fibres.size() && fibres[i].slot / lanes == block && fibres[i].muscle == muscle;
+           ++i) {
         const VoxelMuscle& source = model.muscles[muscle];
         const std::int64_t lane = fibres[i].slot % lanes;
         for (int c = 0; c < 3; ++c)
@@ -307,6 +297,19 @@ std::int64_t SolverArrays::corner_slot(std::size_t element, int corner) const {
   return block * lanes + lane;
 }
 
+std::vector<double> history_in_layout(const VoxelModel& model, const SolverArrays& from,
+                                      const std::vector<double>& rows, const SolverArrays& to) {
+  std::vector<double> result(std::size_t(to.n_history_rows) * to.lanes, 0.0);
+  for (std::size_t spec = 0; spec < model.laws.size(); ++spec) {
+    const int history = law_info(law_number(model.laws[spec].name)).history;
+    for (std::size_t i = 0; i < to.history_slot[spec].size(); ++i)
+      for (int row = 0; row < history; ++row)
+        result[to.history_slot[spec][i] + std::int64_t(row) * to.lanes] =
+            rows[from.history_slot[spec][i] + std::int64_t(row) * from.lanes];
+  }
+  return result;
+}
+
 std::vector<double> slots_to_nodes(const SolverArrays& arrays, const std::vector<double>& slots) {
   const std::size_t n = arrays.node_slot.size(), lanes = arrays.lanes;
   std::vector<double> nodes(3 * n);
@@ -338,52 +341,6 @@ std::vector<double> nodes_to_slots(const SolverArrays& arrays, const std::vector
 
 double SolverArrays::fill() const {
   return static_cast<double>(element_slot.size()) / static_cast<double>(n_element_blocks * lanes);
-}
-
-RowBands SolverArrays::make_bands(std::size_t n_bands) const {
-  // Rows that the row kernels know: ROW_SEED and ROW_CHUNK_BEGIN of kernels_cl/rows.cl.
-  constexpr std::int32_t kSeed = 1, kChunkBegin = 2;
-  RowBands result;
-  std::int32_t lowest = std::numeric_limits<std::int32_t>::max(), highest = 0, n_chunks = 0;
-  for (std::int32_t b = 0; b < n_blocks; ++b) {
-    lowest = std::min(lowest, block_at[b][1]);
-    highest = std::max(highest, block_at[b][1]);
-    n_chunks = std::max(n_chunks, block_at[b][0] + 1);
-    result.n_planes = std::max(result.n_planes, blocks[std::size_t(b) * TLED_BLOCK_INTS + BLOCK_PLANE] + 1);
-  }
-  const std::int32_t n_y = highest - lowest + 1;
-  // First block and count of each (chunk, y) row; work in each y.
-  std::vector<std::int32_t> first(std::size_t(n_chunks) * n_y, 0), count(first.size(), 0);
-  std::vector<double> work(n_y, 0);
-  for (std::int32_t b = 0; b < n_blocks; ++b) {
-    const std::int32_t y = block_at[b][1] - lowest;
-    const std::size_t at = std::size_t(block_at[b][0]) * n_y + y;
-    if (count[at]++ == 0) first[at] = b;
-    work[y] += blocks[std::size_t(b) * TLED_BLOCK_INTS + BLOCK_MATERIAL] >= 0 ? 1.0 : 0.25;
-  }
-  const double total = std::accumulate(work.begin(), work.end(), 0.0);
-  n_bands = std::max<std::size_t>(1, std::min<std::size_t>(n_bands, std::size_t(n_y)));
-  double done = 0;
-  std::int32_t y = 0;
-  for (std::size_t band = 0; band < n_bands && y < n_y; ++band) {
-    const std::int32_t begin = y;
-    const double until = total * static_cast<double>(band + 1) / static_cast<double>(n_bands);
-    while (y < n_y && (y == begin || done + work[y] / 2 <= until)) done += work[y++];
-    if (band + 1 == n_bands) y = n_y;
-    result.bands.push_back(static_cast<std::int32_t>(result.rows.size() / 4));
-    for (std::int32_t chunk = 0; chunk < n_chunks; ++chunk) {
-      std::int32_t flags = kChunkBegin;
-      for (std::int32_t row = begin > 0 ? begin - 1 : 0; row < y; ++row) {
-        const std::size_t at = std::size_t(chunk) * n_y + row;
-        if (count[at] == 0) continue;
-        if (row < begin) flags |= kSeed;
-        result.rows.insert(result.rows.end(), {first[at], count[at], flags, 0});
-        flags = 0;
-      }
-    }
-    result.bands.push_back(static_cast<std::int32_t>(result.rows.size() / 4));
-  }
-  return result;
 }
 
 }  // namespace tledface

@@ -16,6 +16,8 @@ struct PrecomputeOptions {
   HourglassForm hourglass = HourglassForm::kPhysical;
   double kappa = 0.075;
   double mass_scaling = 1;  // every density times this
+  // Solver axes; left at -1 they are chosen. History of laws is kept in these axes.
+  std::array<int, 3> axis_order{-1, -1, -1};
 };
 
 // A band of node rows: what one work-item of the row kernels does.
@@ -30,10 +32,14 @@ struct SolverArrays {
   int lanes = 0;
   // Solver axis a is axis order[a] of the model: the solver may run along another axis than x.
   std::array<int, 3> order{0, 1, 2};
-  std::int32_t n_blocks = 0;               // without the empty one behind the last
-  std::vector<std::int32_t> blocks;        // (n_blocks + 1) x TLED_BLOCK_INTS
-  std::vector<double> materials, node_sets, muscle_sets, muscle_constants, shape;
-  std::vector<std::int32_t> muscle_entries;
+  std::int32_t n_blocks = 0;         // without the empty one behind the last
+  std::vector<std::int32_t> blocks;  // (n_blocks + 1) x TLED_BLOCK_INTS
+  std::vector<double> materials, node_sets, law_sets, muscle_sets, muscle_constants, shape;
+  std::vector<std::int32_t> law_entries, muscle_entries;
+  std::int64_t n_history_rows = 0;  // of lanes
+  // Of each of the model's laws with history, per element: where its first history row has the
+  // element's lane (the next rows follow `lanes` apart).
+  std::vector<std::vector<std::int64_t>> history_slot;
   std::vector<std::int64_t> node_slot;     // block * lanes + lane of each node
   std::vector<std::int64_t> element_slot;  // the same of each element
   std::vector<double> node_mass;           // kg
@@ -49,6 +55,10 @@ struct SolverArrays {
 };
 
 SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions& options);
+
+// Rows of history (n_history_rows x lanes) of one layout in another of the same model and axes.
+std::vector<double> history_in_layout(const VoxelModel& model, const SolverArrays& from,
+                                      const std::vector<double>& rows, const SolverArrays& to);
 
 // Nodal vectors between the model's order and frame (3 per node) and the kernels' slots
 // ((n_blocks + 1) x 3 x lanes; slots without node are 0).

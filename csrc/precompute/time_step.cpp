@@ -9,69 +9,159 @@ namespace {
 // Largest slope of stretch * f_act(stretch) (at stretch 2/3 lambda_opt: 3.083), which the active
 // stress reaches on its ascending limb.
 constexpr double kActiveSlope = 37.0 / 12.0;
+// Stretches at which a fibre's slope within its reach is looked at.
+constexpr int kReachSamples = 7;
 
 // Slope of stretch * f_pas(stretch) where the exponential ends; the line is steeper only beyond
 // stretches of 1.4.
-double passive_slope(double lambda_pas) {
+double steepest_passive_slope(double lambda_pas) {
   const double e = std::exp(6.6 * (lambda_pas - 1));
   return std::max(0.05 * (e - 1) + lambda_pas * 0.33 * e, 4.36 * 1.4 - 2.47);
 }
 
+// Fibre stress over J of kernels_cl/muscle/tension_length.cl and its slope over stretch, Pa.
+struct Tension {
+  double value, slope;
+};
+
+Tension fibre_tension(const VoxelMuscle& muscle, double activation, double stretch) {
+  if (muscle.calcium) {
+    const double sigma = activation * muscle.sigma_act,
+                 factor = std::max(1 + muscle.beta * (stretch - 1), 0.0),
+                 square = stretch * stretch;
+    return {sigma * factor / square,
+            sigma * ((factor > 0 ? muscle.beta : 0) - 2 * factor / stretch) / square};
+  }
+  const double lo = muscle.lambda_opt, x = stretch / lo;
+  const double active = -6.25 * x * x + 12.5 * x - 5.25;
+  Tension t{0, 0};
+  if (active > 0) {
+    t.value = activation * muscle.sigma_act * active;
+    t.slope = activation * muscle.sigma_act * 12.5 * (1 - x) / lo;
+  }
+  if (stretch > muscle.lambda_pas) {
+    const double line = muscle.printed_passive
+                            ? 2.18 * stretch - 2.47
+                            : 0.05 * (std::exp(6.6 * (muscle.lambda_pas - 1)) - 1) +
+                                  2.18 * (stretch - muscle.lambda_pas);
+    t.value += muscle.sigma_pas * line;
+    t.slope += muscle.sigma_pas * 2.18;
+  } else if (stretch > 1) {
+    const double e = std::exp(6.6 * (stretch - 1));
+    t.value += muscle.sigma_pas * 0.05 * (e - 1);
+    t.slope += muscle.sigma_pas * 0.33 * e;
+  }
+  return t;
+}
+
+struct Fibre {
+  double stretch, J, inverse_norm;  // of F^-1
+};
+
+Fibre fibre_state(const double* F, const double* d) {
+  double cof[3][3], square = 0;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      const int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, e = (j + 2) % 3;
+      cof[i][j] = F[3 * a + c] * F[3 * b + e] - F[3 * a + e] * F[3 * b + c];
+      square += cof[i][j] * cof[i][j];
+    }
+  Fibre fibre{0, F[0] * cof[0][0] + F[1] * cof[0][1] + F[2] * cof[0][2], 0};
+  for (int i = 0; i < 3; ++i) {
+    const double v = F[3 * i] * d[0] + F[3 * i + 1] * d[1] + F[3 * i + 2] * d[2];
+    fibre.stretch += v * v;
+  }
+  fibre.stretch = std::sqrt(fibre.stretch);
+  fibre.inverse_norm = std::sqrt(square) / std::abs(fibre.J);
+  return fibre;
+}
+
 }  // namespace
 
-TimeStepBound time_step_bound(const VoxelModel& model, const SolverArrays& arrays,
-                              const std::vector<double>& growth) {
+std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessState& state) {
   const double* h = model.voxel.data();
-  const double volume = h[0] * h[1] * h[2];
   const double inverse_square[3] = {1 / (h[0] * h[0]), 1 / (h[1] * h[1]), 1 / (h[2] * h[2])};
   const double sum = inverse_square[0] + inverse_square[1] + inverse_square[2];
   const double largest = *std::max_element(inverse_square, inverse_square + 3);
   const std::size_t n_elements = model.n_elements();
 
-  // Stiffness of an element: rho omega_e^2 / 4.
   std::vector<double> stiffness(n_elements);
   for (std::size_t e = 0; e < n_elements; ++e) {
-    const double bulk = model.bulk_log[e] + model.bulk_quadratic[e], mu = model.mu[e];
-    const double factor = growth.empty() ? 1 : std::max(growth[e], 1.0);
+    const double bulk = model.bulk_modulus[e], mu = model.shear_modulus[e];
+    const double factor = state.growth.empty() ? 1 : std::max(state.growth[e], 1.0);
     stiffness[e] = factor * ((bulk - 2 * mu / 3) * sum + 2 * mu * largest);
-    if (!growth.empty() && !(growth[e] > 0)) stiffness[e] = HUGE_VAL;
+    if (!state.growth.empty() && !(state.growth[e] > 0)) stiffness[e] = HUGE_VAL;
   }
-  for (const VoxelMuscle& muscle : model.muscles) {
-    const double slope =
-        muscle.sigma_act * kActiveSlope + muscle.sigma_pas * passive_slope(muscle.lambda_pas);
+  for (std::size_t m = 0; m < model.muscles.size(); ++m) {
+    const VoxelMuscle& muscle = model.muscles[m];
+    const double steepest = muscle.sigma_act * kActiveSlope +
+                            muscle.sigma_pas * steepest_passive_slope(muscle.lambda_pas);
     for (std::size_t i = 0; i < muscle.elements.size(); ++i) {
+      const double* d = &muscle.fibre[3 * i];
       double along = 0;
-      for (int c = 0; c < 3; ++c)
-        along += muscle.fibre[3 * i + c] * muscle.fibre[3 * i + c] * inverse_square[c];
-      stiffness[muscle.elements[i]] += muscle.weight[i] * slope * along;
-    }
-  }
-
-  // A node's omega^2 times its mass: sum of omega_e^2 rho V/8 = stiffness V/2, over its elements.
-  std::vector<double> weighted(std::size_t(arrays.n_blocks + 1) * arrays.lanes, 0.0), stiffest(weighted);
-  std::vector<std::size_t> stiffest_element(weighted.size(), 0);
-  for (std::size_t e = 0; e < n_elements; ++e) {
-    for (int corner = 0; corner < 8; ++corner) {
-      const std::size_t at = arrays.corner_slot(e, corner);
-      weighted[at] += stiffness[e] * volume / 2;
-      if (stiffness[e] > stiffest[at]) {
-        stiffest[at] = stiffness[e];
-        stiffest_element[at] = e;
+      for (int c = 0; c < 3; ++c) along += d[c] * d[c] * inverse_square[c];
+      double added = steepest * along;
+      if (!state.activations.empty()) {
+        const Fibre fibre = fibre_state(&state.deformation_gradient[9 * muscle.elements[i]], d);
+        if (!(fibre.J > 0)) continue;
+        added = 0;
+        for (int k = 0; k < kReachSamples; ++k) {
+          const double share =
+              state.reach_low + (state.reach_high - state.reach_low) * k / (kReachSamples - 1);
+          const double stretch = share * fibre.stretch;
+          const Tension t = fibre_tension(muscle, state.activations[m], stretch);
+          // P = J T(stretch) F d (x) d: along the fibre, across it, and through J: the symmetric
+          // part of F d (x) d times F^-T is at most (|F d| |F^-1| + 1)/2.
+          const double straight = std::max(t.value + stretch * t.slope, t.value) * along;
+          const double through_J =
+              std::abs(t.value) * 0.5 * (stretch * fibre.inverse_norm + 1) * std::sqrt(along * sum);
+          added = std::max(added, fibre.J * (std::max(straight, 0.0) + through_J));
+        }
       }
+      stiffness[muscle.elements[i]] += muscle.weight[i] * added;
     }
   }
+  return stiffness;
+}
+
+std::vector<double> node_stiffness(const VoxelModel& model, const SolverArrays& arrays,
+                                   const std::vector<double>& stiffness) {
+  const double volume = model.voxel[0] * model.voxel[1] * model.voxel[2];
+  std::vector<double> at_slot(std::size_t(arrays.n_blocks + 1) * arrays.lanes, 0.0);
+  for (std::size_t e = 0; e < stiffness.size(); ++e)
+    for (int corner = 0; corner < 8; ++corner)
+      at_slot[arrays.corner_slot(e, corner)] += stiffness[e] * volume / 2;
+  std::vector<double> result(model.n_nodes());
+  for (std::size_t n = 0; n < result.size(); ++n) result[n] = at_slot[arrays.node_slot[n]];
+  return result;
+}
+
+TimeStepBound time_step_bound(const VoxelModel& model, const SolverArrays& arrays,
+                              const std::vector<double>& stiffness,
+                              const std::vector<double>& at_node) {
   TimeStepBound bound;
   double highest = -1;
   for (std::size_t n = 0; n < model.n_nodes(); ++n) {
     if (model.fixed[3 * n] && model.fixed[3 * n + 1] && model.fixed[3 * n + 2]) continue;
-    const std::size_t at = arrays.node_slot[n];
-    const double square = weighted[at] / arrays.node_mass[n];
+    const double square = at_node[n] / arrays.node_mass[n];
     if (square > highest) {
       highest = square;
-      bound = {2 / std::sqrt(square), n, stiffest_element[at]};
+      bound = {2 / std::sqrt(square), n, 0};
     }
   }
-  if (highest < 0) bound.dt = HUGE_VAL;  // every node is fixed
+  if (highest < 0) {
+    bound.dt = HUGE_VAL;  // every node is fixed
+    return bound;
+  }
+  double stiffest = -1;
+  for (std::size_t e = 0; e < stiffness.size(); ++e) {
+    if (stiffness[e] <= stiffest) continue;
+    for (int corner = 0; corner < 8; ++corner)
+      if (arrays.corner_slot(e, corner) == arrays.node_slot[bound.node]) {
+        stiffest = stiffness[e];
+        bound.element = e;
+      }
+  }
   return bound;
 }
 

@@ -12,7 +12,10 @@ namespace {
 // Steps of one table of activations: long enough that writing it costs nothing.
 constexpr std::size_t kBatch = 256;
 // Where the kernels take the index of the step in the table.
-constexpr unsigned kRowsStepIndex = 16, kElementsStepIndex = 10, kNodesStepIndex = 7;
+constexpr unsigned kRowsStepIndex = 20, kElementsStepIndex = 14, kNodesStepIndex = 7;
+constexpr unsigned kElementsStore = 16;  // 1: the element kernel keeps the history of laws
+// Where those that integrate take the links of blocks and the inverse masses.
+constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kNodesBlocks = 3, kNodesNodeSets = 4;
 // Work-items a group of the gather kernels: four blocks of 16 lanes.
 constexpr std::size_t kGroup = 64;
 constexpr std::size_t kScratchRows = 4;  // SCRATCH_ROWS of kernels_cl/rows.cl
@@ -25,7 +28,7 @@ std::vector<T> narrowed(const std::vector<double>& values) {
 }  // namespace
 
 Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
-                     const SimulatorOptions& options)
+                     const SimulatorOptions& options, Conditions conditions)
     : device_(std::move(device)), model_(std::move(model)), options_(options) {
   rows_ = options_.kernels == KernelPath::kRows ||
           (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
@@ -43,7 +46,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   precompute_.kappa = options_.kappa;
   precompute_.mass_scaling = options_.mass_scaling;
   arrays_ = make_solver_arrays(model_, precompute_);
-  step_reals_ = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
+  const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
+  step_reals_ = first_column + NodalConditions::n_columns(conditions);
 
   const std::size_t real = real_size(options_.precision), lanes = arrays_.lanes,
                     slots = std::size_t(arrays_.n_blocks + 1) * lanes;
@@ -55,6 +59,11 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   blocks_ = upload(arrays_.blocks);
   materials_ = upload(arrays_.materials);
   node_sets_ = upload(arrays_.node_sets);
+  law_entries_ = upload(arrays_.law_entries);
+  law_sets_ = upload(arrays_.law_sets);
+  // Read and written in turns: a seed row's elements are computed by two work-items.
+  for (auto& buffer : history_)
+    buffer = allocate(std::max<std::size_t>(arrays_.n_history_rows * lanes, 1) * real);
   muscle_entries_ = upload(arrays_.muscle_entries);
   muscle_sets_ = upload(arrays_.muscle_sets);
   muscle_constants_ = upload(arrays_.muscle_constants);
@@ -72,14 +81,15 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   } else {
     element_forces_ = allocate(slots * 24 * real);
   }
+  conditions_ =
+      std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,
+                                        options_.precision, first_column, kBatch);
+  device_bytes_ += conditions_->bytes();
   bind();
 }
 
-Simulator::~Simulator() = default;
-
 std::unique_ptr<Buffer> Simulator::upload(const std::vector<double>& values, std::size_t at_least) {
-  const std::size_t bytes =
-      std::max(values.size(), at_least) * real_size(options_.precision);
+  const std::size_t bytes = std::max(values.size(), at_least) * real_size(options_.precision);
   device_bytes_ += bytes;
   auto buffer = device_->allocate(bytes);
   write_reals(*buffer, values);
@@ -113,8 +123,7 @@ void Simulator::bind() {
     for (const std::int32_t value : integers) kernel->set_arg(index++, value);
     return kernel;
   };
-  const std::string form =
-      options_.hourglass == HourglassForm::kPhysical ? "physical" : "kappa";
+  const std::string form = options_.hourglass == HourglassForm::kPhysical ? "physical" : "kappa";
   for (int parity = 0; parity < 2; ++parity) {
     Buffer *u = u_[parity].get(), *other = u_[1 - parity].get();
     if (rows_) {
@@ -122,78 +131,136 @@ void Simulator::bind() {
         (forces ? force_ : step_)[parity] = make(
             (forces ? "force_rows_" : "step_rows_") + form,
             {u, other, bands_buffer_.get(), row_buffer_.get(), blocks_.get(), materials_.get(),
-             node_sets_.get(), muscle_entries_.get(), muscle_sets_.get(), muscle_constants_.get(),
-             shape_.get(), step_table_.get(), scratch_.get(), edge_.get()},
+             node_sets_.get(), law_entries_.get(), law_sets_.get(), history_[parity].get(),
+             history_[1 - parity].get(), muscle_entries_.get(), muscle_sets_.get(),
+             muscle_constants_.get(), shape_.get(), step_table_.get(), scratch_.get(), edge_.get()},
             {static_cast<std::int32_t>(bands_.n_bands()), bands_.n_planes, 0, step_reals_});
     } else {
       step_[parity] = make("element_forces_" + form,
                            {u, element_forces_.get(), blocks_.get(), materials_.get(),
-                            muscle_entries_.get(), muscle_sets_.get(), muscle_constants_.get(),
-                            shape_.get(), step_table_.get()},
-                           {arrays_.n_blocks, 0, step_reals_});
-      integrate_[parity] = make("integrate_nodes",
-                                {u, other, element_forces_.get(), blocks_.get(), node_sets_.get(),
-                                 step_table_.get()},
-                                {arrays_.n_blocks, 0, step_reals_});
+                            law_entries_.get(), law_sets_.get(), history_[parity].get(),
+                            history_[1 - parity].get(), muscle_entries_.get(), muscle_sets_.get(),
+                            muscle_constants_.get(), shape_.get(), step_table_.get()},
+                           {arrays_.n_blocks, 0, step_reals_, 1});
+      integrate_[parity] = make(
+          "integrate_nodes",
+          {u, other, element_forces_.get(), blocks_.get(), node_sets_.get(), step_table_.get()},
+          {arrays_.n_blocks, 0, step_reals_});
     }
   }
+  bind_masses(*blocks_, *node_sets_);
 }
 
-void Simulator::write_step_table(std::size_t n, const double* activations, bool forces_of_now) {
-  const std::size_t n_muscles = model_.muscles.size();
-  std::vector<double> table(n * step_reals_, 0.0);
-  const double half_damping = options_.damping * dt_ / 2;
-  for (std::size_t i = 0; i < n; ++i) {
-    double* row = &table[i * step_reals_];
-    row[STEP_VELOCITY] = (1 - half_damping) / (1 + half_damping);
-    row[STEP_FORCE] = dt_ * dt_ / (1 + half_damping);
-    // A given state has no u(-dt): u(dt) = u + v dt + (f/m - damping v) dt^2/2 keeps second order.
-    if (i == 0 && starts_ && !forces_of_now) {
-      row[STEP_VELOCITY] = 1 - half_damping;
-      row[STEP_FORCE] = dt_ * dt_ / 2;
-    }
-    for (int c = 0; c < 3; ++c)
-      row[STEP_GRAVITY + c] = model_.gravity[arrays_.order[c]] * row[STEP_FORCE];
-    std::copy_n(activations + i * n_muscles, n_muscles, row + STEP_ACTIVATION);
+void Simulator::bind_masses(const Buffer& blocks, const Buffer& node_sets) {
+  for (int parity = 0; parity < 2; ++parity) {
+    Kernel& kernel = rows_ ? *step_[parity] : *integrate_[parity];
+    kernel.set_arg(rows_ ? kRowsBlocks : kNodesBlocks, blocks);
+    kernel.set_arg(rows_ ? kRowsNodeSets : kNodesNodeSets, node_sets);
   }
-  write_reals(*step_table_, table);
+  const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
+  conditions_->bind(u, blocks, node_sets, *step_table_, step_reals_);
 }
 
-void Simulator::step(std::size_t n, const std::vector<double>& activations) {
-  const std::size_t n_muscles = model_.muscles.size();
-  if (activations.size() != n * n_muscles)
-    throw InputError("step: activations need " + std::to_string(n) + " x " +
-                     std::to_string(n_muscles) + " values, got " +
-                     std::to_string(activations.size()));
-  if (!(dt_ > 0)) throw InputError("step: the time step is not set");
+void Simulator::fill_step(double* row, const double* activations, const double* values,
+                          double field_weight) const {
+  row[STEP_UNIT] = 1;
+  // A state that was just given has no past: histories start with it.
+  row[STEP_DT] = starts_ ? 0 : dt_;
+  row[STEP_TIME] = time();
+  std::copy_n(activations, model_.muscles.size(), row + STEP_ACTIVATION);
+  conditions_->fill_columns(values, field_weight, row + STEP_ACTIVATION + model_.muscles.size());
+}
+
+void Simulator::enqueue_step(std::int32_t index, std::int32_t key) {
   const std::size_t n_slots = std::size_t(arrays_.n_blocks) * arrays_.lanes;
+  Kernel& kernel = *step_[now_];
+  if (rows_) {
+    kernel.set_arg(kRowsStepIndex, index);
+    kernel.enqueue(bands_.n_bands(), 1);
+  } else {
+    kernel.set_arg(kElementsStepIndex, index);
+    kernel.enqueue(n_slots, kGroup);
+    integrate_[now_]->set_arg(kNodesStepIndex, index);
+    integrate_[now_]->enqueue(n_slots, kGroup);
+  }
+  conditions_->enqueue(now_, index, key);
+}
+
+std::size_t Simulator::largest_batch() { return kBatch; }
+
+void Simulator::check_input(const char* what, std::size_t n, const StepInput& input,
+                            std::size_t n_keys) const {
+  const auto check = [&](const char* name, std::size_t got, std::size_t columns) {
+    if (got != n * columns)
+      throw InputError(std::string(what) + ": " + name + " need " + std::to_string(n) + " x " +
+                       std::to_string(columns) + " values, got " + std::to_string(got));
+  };
+  check("activations", input.activations.size(), model_.muscles.size());
+  check("values of conditions", input.values.size(), conditions_->given().n_values());
+  if (input.keys.size() != n_keys * conditions_->n_fields())
+    throw InputError(std::string(what) + ": keys of fields need " +
+                     std::to_string(n_keys * conditions_->n_fields()) + " values, got " +
+                     std::to_string(input.keys.size()));
+}
+
+void Simulator::step(std::size_t n, const StepInput& input) {
+  if (n == 0) return;
+  const std::int64_t key_begin = first_key();
+  check_input("step", n, input, static_cast<std::size_t>(last_key(n) - key_begin + 1));
+  if (!(dt_ > 0)) throw InputError("step: the time step is not set");
+  const std::size_t n_muscles = model_.muscles.size(), n_values = conditions_->given().n_values(),
+                    n_fields = conditions_->n_fields();
+  std::vector<double> table;
   for (std::size_t done = 0; done < n;) {
     const std::size_t batch = std::min(kBatch, n - done);
-    device_->finish();  // the table may still be read by steps enqueued before
-    write_step_table(batch, activations.data() + done * n_muscles, false);
+    const std::int64_t key = first_key();
+    table.assign(batch * step_reals_, 0.0);
     for (std::size_t i = 0; i < batch; ++i) {
-      Kernel& kernel = *step_[now_];
-      const auto index = static_cast<std::int32_t>(i);
-      if (rows_) {
-        kernel.set_arg(kRowsStepIndex, index);
-        kernel.enqueue(bands_.n_bands(), 1);
-      } else {
-        kernel.set_arg(kElementsStepIndex, index);
-        kernel.enqueue(n_slots, kGroup);
-        integrate_[now_]->set_arg(kNodesStepIndex, index);
-        integrate_[now_]->enqueue(n_slots, kGroup);
-      }
+      double* row = &table[i * step_reals_];
+      const auto past_key = (clock_steps_ + static_cast<std::int64_t>(i) + 1) % kFieldStride;
+      fill_motion(row, starts_ && i == 0);
+      fill_step(row, input.activations.data() + (done + i) * n_muscles,
+                input.values.data() + (done + i) * n_values,
+                static_cast<double>(past_key) / kFieldStride);
+      row[STEP_DT] = starts_ && i == 0 ? 0 : dt_;
+      row[STEP_TIME] = time_after(static_cast<std::int64_t>(i));
+    }
+    device_->finish();  // the table may still be read by steps enqueued before
+    write_reals(*step_table_, table);
+    if (n_fields)
+      conditions_->write_keys(
+          input.keys.data() + static_cast<std::size_t>(key - key_begin) * n_fields,
+          static_cast<std::size_t>(last_key(batch) - key + 1));
+    for (std::size_t i = 0; i < batch; ++i) {
+      const std::int64_t at = (clock_steps_ + static_cast<std::int64_t>(i) + 1) / kFieldStride;
+      enqueue_step(static_cast<std::int32_t>(i), static_cast<std::int32_t>(at - key));
       now_ = 1 - now_;
     }
     starts_ = false;
     done += batch;
     n_steps_ += static_cast<std::int64_t>(batch);
-    time_ += dt_ * static_cast<double>(batch);
+    clock_steps_ += static_cast<std::int64_t>(batch);
   }
 }
 
+void Simulator::fill_motion(double* row, bool from_rest) const {
+  const double half_damping = options_.damping * dt_ / 2;
+  row[STEP_VELOCITY] = (1 - half_damping) / (1 + half_damping);
+  row[STEP_FORCE] = dt_ * dt_ / (1 + half_damping);
+  // A given state has no u(-dt): u(dt) = u + v dt + (f/m - damping v) dt^2/2 keeps second order.
+  if (from_rest) {
+    row[STEP_VELOCITY] = 1 - half_damping;
+    row[STEP_FORCE] = dt_ * dt_ / 2;
+  }
+  for (int c = 0; c < 3; ++c)
+    row[STEP_GRAVITY + c] = model_.gravity[arrays_.order[c]] * row[STEP_FORCE];
+}
+
 std::vector<double> Simulator::read_slots(const Buffer& buffer) {
-  const std::size_t count = std::size_t(arrays_.n_blocks + 1) * arrays_.lanes * 3;
+  return read_reals(buffer, std::size_t(arrays_.n_blocks + 1) * arrays_.lanes * 3);
+}
+
+std::vector<double> Simulator::read_reals(const Buffer& buffer, std::size_t count) {
   device_->finish();
   std::vector<double> slots(count);
   if (options_.precision == Precision::kDouble) {
@@ -206,7 +273,9 @@ std::vector<double> Simulator::read_slots(const Buffer& buffer) {
   return slots;
 }
 
-std::vector<double> Simulator::displacement() { return slots_to_nodes(arrays_, read_slots(*u_[now_])); }
+std::vector<double> Simulator::displacement() {
+  return slots_to_nodes(arrays_, read_slots(*u_[now_]));
+}
 
 std::vector<double> Simulator::velocity() {
   const auto now = read_slots(*u_[now_]), before = read_slots(*u_[1 - now_]);
@@ -225,9 +294,58 @@ void Simulator::set_state(const std::vector<double>& u, const std::vector<double
     for (std::size_t i = 0; i < before.size(); ++i) before[i] -= dt_ * v[i];
   }
   write_reals(*u_[1 - now_], before);
-  time_ = time;
-  n_steps_ = 0;
+  for (auto& buffer : history_)
+    write_reals(*buffer, std::vector<double>(std::size_t(arrays_.n_history_rows) * arrays_.lanes));
+  clock_start_ = time;
+  clock_steps_ = n_steps_ = 0;
   starts_ = true;
+}
+
+RawState Simulator::raw_state() {
+  device_->finish();
+  RawState state;
+  for (const int parity : {now_, 1 - now_}) {
+    auto& bytes = parity == now_ ? state.u : state.u_prev;
+    bytes.resize(u_[parity]->bytes());
+    u_[parity]->read(bytes.data(), bytes.size());
+  }
+  state.history.resize(history_[now_]->bytes());
+  history_[now_]->read(state.history.data(), state.history.size());
+  state.clock_start = clock_start_;
+  state.clock_steps = clock_steps_;
+  state.dt = dt_;
+  state.n_steps = n_steps_;
+  state.starts = starts_;
+  if (limiter_) {
+    state.limit_squares = limiter_->last_squares();
+    state.limit_square = limiter_->last_square();
+  }
+  if (state.limit_squares.empty()) state.limit_squares = {0};  // files take no empty array
+  return state;
+}
+
+void Simulator::set_raw_state(const RawState& state) {
+  if (state.u.size() != u_[0]->bytes() || state.u_prev.size() != u_[0]->bytes() ||
+      state.history.size() != history_[0]->bytes())
+    throw InputError("state: it holds " + std::to_string(state.u.size()) +
+                     " bytes, this model on "
+                     "this device in this precision has " +
+                     std::to_string(u_[0]->bytes()) +
+                     "; restore with the model, precision and device it was saved with");
+  if (state.limit_square > 0 && state.limit_squares.size() != arrays_.node_mass.size())
+    throw InputError("state: the stiffness of " + std::to_string(state.limit_squares.size()) +
+                     " nodes, this model has " + std::to_string(arrays_.node_mass.size()));
+  device_->finish();
+  u_[now_]->write(state.u.data(), state.u.size());
+  u_[1 - now_]->write(state.u_prev.data(), state.u_prev.size());
+  history_[now_]->write(state.history.data(), state.history.size());
+  clock_start_ = state.clock_start;
+  clock_steps_ = state.clock_steps;
+  dt_ = state.dt;
+  n_steps_ = state.n_steps;
+  starts_ = state.starts;
+  if (limiter_ || state.limit_square > 0)
+    limiter().restore(state.limit_squares, state.limit_square);
 }
 
 void Simulator::set_dt(double dt) {
@@ -240,25 +358,34 @@ void Simulator::set_dt(double dt) {
       before[i] = now[i] - (now[i] - before[i]) * (dt / dt_);
     write_reals(*u_[1 - now_], before);
   }
+  clock_start_ = time();
+  clock_steps_ = 0;
   dt_ = dt;
 }
 
-TimeStepBound Simulator::bound_at_rest() const { return time_step_bound(model_, arrays_); }
-
-TimeStepBound Simulator::bound_now() {
-  return time_step_bound(model_, arrays_, evaluator().growth(displacement()));
+TimeStepBound Simulator::bound_at_rest() const {
+  const auto stiffness = element_stiffness(model_);
+  return time_step_bound(model_, arrays_, stiffness, node_stiffness(model_, arrays_, stiffness));
 }
 
 StateEvaluator& Simulator::evaluator() {
-  if (!evaluator_) evaluator_ = std::make_unique<StateEvaluator>(model_, precompute_);
+  if (!evaluator_) {
+    PrecomputeOptions options = precompute_;
+    options.axis_order = arrays_.order;  // history is in these axes
+    evaluator_ = std::make_unique<StateEvaluator>(model_, options);
+  }
   return *evaluator_;
 }
 
 std::vector<double> Simulator::internal_force(const std::vector<double>& activations) {
   if (activations.size() != model_.muscles.size())
     throw InputError("internal_force: one activation a muscle is needed");
+  std::vector<double> row(step_reals_, 0.0);
+  row[STEP_DT] = starts_ ? 0 : dt_;
+  row[STEP_TIME] = time();
+  std::copy(activations.begin(), activations.end(), row.begin() + STEP_ACTIVATION);
   device_->finish();
-  write_step_table(1, activations.data(), true);
+  write_reals(*step_table_, row);
   auto force = device_->allocate(u_[0]->bytes());
   const std::size_t n_slots = std::size_t(arrays_.n_blocks) * arrays_.lanes;
   if (rows_) {
@@ -269,7 +396,9 @@ std::vector<double> Simulator::internal_force(const std::vector<double>& activat
     kernel.set_arg(1, *u_[1 - now_]);
   } else {
     step_[now_]->set_arg(kElementsStepIndex, std::int32_t(0));
+    step_[now_]->set_arg(kElementsStore, std::int32_t(0));
     step_[now_]->enqueue(n_slots, kGroup);
+    step_[now_]->set_arg(kElementsStore, std::int32_t(1));
     auto gather = program_->kernel("gather_forces");
     gather->set_arg(0, *force);
     gather->set_arg(1, *element_forces_);
@@ -284,7 +413,13 @@ std::vector<double> Simulator::internal_force(const std::vector<double>& activat
 ElementState Simulator::element_state(const std::vector<double>& activations) {
   if (activations.size() != model_.muscles.size())
     throw InputError("element_state: one activation a muscle is needed");
-  return evaluator().evaluate(displacement(), activations);
+  std::vector<double> history;
+  if (arrays_.n_history_rows)
+    history = history_in_layout(
+        model_, arrays_,
+        read_reals(*history_[now_], std::size_t(arrays_.n_history_rows) * arrays_.lanes),
+        evaluator().arrays());
+  return evaluator().evaluate(displacement(), activations, history, starts_ ? 0 : dt_, time());
 }
 
 std::int64_t Simulator::first_non_finite_node() {

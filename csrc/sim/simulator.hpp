@@ -11,7 +11,9 @@
 #include "backend/device.hpp"
 #include "precompute/solver_arrays.hpp"
 #include "precompute/time_step.hpp"
+#include "sim/nodal_conditions.hpp"
 #include "sim/state_evaluator.hpp"
+#include "sim/step_limit.hpp"
 
 namespace tledface {
 
@@ -21,34 +23,94 @@ struct SimulatorOptions {
   Precision precision = Precision::kSingle;
   HourglassForm hourglass = HourglassForm::kPhysical;
   double kappa = 0.075;
-  double damping = 0;       // mass-proportional, 1/s
+  double damping = 0;  // mass-proportional, 1/s
   double mass_scaling = 1;
   KernelPath kernels = KernelPath::kAuto;
   std::size_t n_bands = 0;  // 0: by the device's compute units
 };
 
+// Device arrays as they are (u now, u before), in the precision and block layout of the simulator
+// that gave them, and the clock.
+struct RawState {
+  std::vector<std::uint8_t> u, u_prev, history;
+  double clock_start = 0, dt = 0;
+  std::int64_t clock_steps = 0, n_steps = 0;
+  bool starts = true;
+  // Of StepLimiter; a single 0, and 0, before its first iteration.
+  std::vector<double> limit_squares;
+  double limit_square = 0;
+};
+
+// What changes from step to step, for n steps.
+struct StepInput {
+  std::vector<double> activations;  // n x n_muscles, during each step
+  std::vector<double> values;       // n x Conditions::n_values(): loads and pressures during each
+                                    // step, prescribed values at its end
+  std::vector<double> keys;         // of the fields, from key first_key() to key last_key(n)
+};
+
+// One step of a relaxation: u_next = u + velocity (u - u_prev) + force (f_ext - f_int)/mass.
+struct RelaxationStep {
+  double velocity, force;
+  double field_weight;  // of the later of the two keys
+};
+
 class Simulator {
  public:
-  Simulator(std::shared_ptr<Device> device, VoxelModel model, const SimulatorOptions& options);
+  // Prescribed components must be fixed in `model`: their 1/mass is 0.
+  Simulator(std::shared_ptr<Device> device, VoxelModel model, const SimulatorOptions& options,
+            Conditions conditions = {});
   ~Simulator();
 
-  // Advances n steps of dt(). activations: n x n_muscles, the values during each step.
-  void step(std::size_t n, const std::vector<double>& activations);
+  // Advances n steps of dt().
+  void step(std::size_t n, const StepInput& input);
+  // Keys of the fields stand at clock steps kFieldStride apart, whatever calls steps are dealt to.
+  std::int64_t first_key() const { return (clock_steps_ + 1) / kFieldStride; }
+  std::int64_t last_key(std::size_t n) const {
+    return (clock_steps_ + static_cast<std::int64_t>(n)) / kFieldStride + 1;
+  }
+  double key_time(std::int64_t key) const {
+    return clock_start_ + dt_ * static_cast<double>(key * kFieldStride);
+  }
+  // Overwrites prescribed components, at rest: `values` (n_prescribed), `fields` (n fields).
+  void set_prescribed(const std::vector<double>& values, const std::vector<double>& fields);
+
+  // Nodal masses with which the largest stable step is at least 1 under the deformation of now.
+  std::vector<double> relaxation_masses();
+  // Relaxation towards equilibrium: pseudo-steps with masses of its own (1 per node) that leave the
+  // clock alone. input.keys: two keys. end: back to the masses of the model, at rest.
+  void begin_relaxation(const std::vector<double>& node_mass);
+  void relax(const std::vector<RelaxationStep>& steps, const StepInput& input);
+  void end_relaxation();
 
   double dt() const { return dt_; }
   // Changes the step; the velocity is kept (u_prev is moved along it).
   void set_dt(double dt);
-  // Bound at rest, or with the deformation of now.
+  // Bound at rest with each muscle's steepest slope.
   TimeStepBound bound_at_rest() const;
-  TimeStepBound bound_now();
+  // The limit under the deformation of now; see StepLimiter::limit.
+  StepLimit limit_now(const std::vector<double>& activations, double reach_low, double reach_high,
+                      double enough);
+  StepLimit measured_limit(const std::vector<double>& activations);
 
-  double time() const { return time_; }
+  // Counted from the last change of dt: the same number however steps were dealt to calls.
+  double time() const { return time_after(0); }
+  double time_after(std::int64_t steps) const {
+    return clock_start_ + dt_ * static_cast<double>(clock_steps_ + steps);
+  }
   std::int64_t n_steps() const { return n_steps_; }
-  std::vector<double> displacement();  // 3 per node, m
-  std::vector<double> velocity();      // 3 per node, m/s, of half a step ago
+  bool starts() const { return starts_; }  // the next step is the first from a given state
+  std::vector<double> displacement();      // 3 per node, m
+  std::vector<double> velocity();          // 3 per node, m/s, of half a step ago
   // Starts again from these displacements at rest or with this velocity (empty: 0) at time `time`.
   void set_state(const std::vector<double>& u, const std::vector<double>& velocity, double time);
+  // The whole state of the device, for a restart that continues bit for bit on the same kind of
+  // device: restoring what was taken and stepping gives the bits of never having stopped.
+  RawState raw_state();
+  void set_raw_state(const RawState& state);
   std::vector<double> internal_force(const std::vector<double>& activations);  // N, 3 per node
+  // Loads, pressures and gravity, N, 3 per node.
+  std::vector<double> external_force(const std::vector<double>& values);
   ElementState element_state(const std::vector<double>& activations);
   // First node whose displacement is not finite, or -1.
   std::int64_t first_non_finite_node();
@@ -57,6 +119,7 @@ class Simulator {
   const SolverArrays& arrays() const { return arrays_; }
   const VoxelModel& model() const { return model_; }
   const SimulatorOptions& options() const { return options_; }
+  const Conditions& conditions() const { return conditions_->given(); }
   bool uses_rows() const { return rows_; }
   // Device buffer of the displacement of now: [block][component][lane].
   const Buffer& displacement_buffer() const { return *u_[now_]; }
@@ -67,10 +130,23 @@ class Simulator {
   std::unique_ptr<Buffer> upload(const std::vector<double>& values, std::size_t at_least = 1);
   std::unique_ptr<Buffer> upload(const std::vector<std::int32_t>& values);
   void write_reals(Buffer& buffer, const std::vector<double>& values);
+  std::vector<double> read_reals(const Buffer& buffer, std::size_t count);
   std::vector<double> read_slots(const Buffer& buffer);
-  void write_step_table(std::size_t n, const double* activations, bool forces_of_now);
+  void check_input(const char* what, std::size_t n, const StepInput& input,
+                   std::size_t n_keys) const;
+  // A row of the step table: what integrates, and the rest.
+  void fill_motion(double* row, bool from_rest) const;
+  void fill_step(double* row, const double* activations, const double* values,
+                 double field_weight) const;
+  void enqueue_step(std::int32_t index, std::int32_t key);
+  static std::size_t largest_batch();  // steps of one table
   void bind();
+  // Which masses the kernels integrate with.
+  void bind_masses(const Buffer& blocks, const Buffer& node_sets);
   StateEvaluator& evaluator();
+  StepLimiter& limiter();
+  StiffnessState stiffness_state(const std::vector<double>& u,
+                                 const std::vector<double>& activations);
 
   std::shared_ptr<Device> device_;
   VoxelModel model_;
@@ -83,14 +159,24 @@ class Simulator {
   std::int32_t step_reals_ = 0;
 
   std::unique_ptr<Program> program_;
+  std::unique_ptr<NodalConditions> conditions_;
+  // While one is going on: the masses, each block its own row set, and gravity as forces, since
+  // its acceleration belongs to the true masses.
+  struct Relaxation {
+    std::unique_ptr<Buffer> blocks, node_sets;
+    std::unique_ptr<NodalConditions> gravity;
+  };
+  std::unique_ptr<Relaxation> relaxation_;
   std::unique_ptr<Buffer> u_[2], blocks_, bands_buffer_, row_buffer_, materials_, node_sets_,
       muscle_entries_, muscle_sets_, muscle_constants_, shape_, step_table_, scratch_, edge_,
-      element_forces_;
+      element_forces_, law_entries_, law_sets_, history_[2];
   std::unique_ptr<Kernel> step_[2], integrate_[2], force_[2];
-  std::unique_ptr<StateEvaluator> evaluator_;  // made when first asked for
+  std::unique_ptr<StateEvaluator> evaluator_;  // these two are made when first asked for
+  std::unique_ptr<StepLimiter> limiter_;
   int now_ = 0;
 
-  double dt_ = 0, time_ = 0;
+  double dt_ = 0, clock_start_ = 0;
+  std::int64_t clock_steps_ = 0;  // since clock_start_
   std::int64_t n_steps_ = 0;
   bool starts_ = true;  // the next step starts from a given state
 };

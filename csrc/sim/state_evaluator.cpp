@@ -39,21 +39,25 @@ StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions option
   };
   bind(arrays_.blocks.data(), bytes_of(arrays_.blocks));
   bind(arrays_.materials.data(), bytes_of(arrays_.materials));
+  bind(arrays_.law_entries.data(), bytes_of(arrays_.law_entries));
+  bind(arrays_.law_sets.data(), bytes_of(arrays_.law_sets));
+  history_ = host_->allocate(std::max<std::size_t>(arrays_.n_history_rows * arrays_.lanes, 1) *
+                             sizeof(double));
+  kernel_->set_arg(argument++, *history_);
+  kernel_->set_arg(argument++, *history_);
   bind(arrays_.muscle_entries.data(), bytes_of(arrays_.muscle_entries));
   bind(arrays_.muscle_sets.data(), bytes_of(arrays_.muscle_sets));
   bind(arrays_.muscle_constants.data(), bytes_of(arrays_.muscle_constants));
   bind(arrays_.shape.data(), bytes_of(arrays_.shape));
   kernel_->set_arg(argument++, *step_);
   kernel_->set_arg(argument++, arrays_.n_blocks);
-  kernel_->set_arg(argument++, std::int32_t(0));
-  kernel_->set_arg(argument++, std::int32_t(0));
   kernel_->set_arg(argument++, std::int32_t(physical_));
 
   growth_ = host_->allocate(slots);
   growth_kernel_ = program_->kernel("element_growth");
   argument = 0;
-  for (const Buffer* buffer : {u_.get(), growth_.get(), constants_[0].get(), constants_[1].get(),
-                               constants_[5].get()})
+  for (const Buffer* buffer :
+       {u_.get(), growth_.get(), constants_[0].get(), constants_[1].get(), constants_[7].get()})
     growth_kernel_->set_arg(argument++, *buffer);
   growth_kernel_->set_arg(argument, arrays_.n_blocks);
 }
@@ -75,7 +79,11 @@ std::vector<double> StateEvaluator::growth(const std::vector<double>& u) {
 }
 
 ElementState StateEvaluator::evaluate(const std::vector<double>& u,
-                                      const std::vector<double>& activations) {
+                                      const std::vector<double>& activations,
+                                      const std::vector<double>& history, double dt, double time) {
+  history_->write(history.data(), bytes_of(history));
+  const double clock[2] = {dt, time};
+  step_->write(clock, sizeof clock, STEP_DT * sizeof(double));
   const auto slots = nodes_to_slots(arrays_, u);
   u_->write(slots.data(), bytes_of(slots));
   step_->write(activations.data(), bytes_of(activations), STEP_ACTIVATION * sizeof(double));

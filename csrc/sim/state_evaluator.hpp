@@ -20,8 +20,12 @@ struct ElementState {
 class StateEvaluator {
  public:
   StateEvaluator(const VoxelModel& model, PrecomputeOptions options);
-  ElementState evaluate(const std::vector<double>& u, const std::vector<double>& activations);
+  // history: rows in the layout of arrays() (see history_in_layout); dt, time: of the step that
+  // comes.
+  ElementState evaluate(const std::vector<double>& u, const std::vector<double>& activations,
+                        const std::vector<double>& history = {}, double dt = 0, double time = 0);
   // `growth` alone, for the watch during a run.
+  const SolverArrays& arrays() const { return arrays_; }
   std::vector<double> growth(const std::vector<double>& u);
 
  private:
@@ -32,7 +36,7 @@ class StateEvaluator {
   bool physical_;
   std::unique_ptr<Program> program_;
   std::unique_ptr<Kernel> kernel_, growth_kernel_;
-  std::unique_ptr<Buffer> u_, state_, growth_, step_;
+  std::unique_ptr<Buffer> u_, state_, growth_, step_, history_;
   std::vector<std::unique_ptr<Buffer>> constants_;
 };
 

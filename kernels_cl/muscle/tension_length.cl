@@ -8,9 +8,23 @@
 #define MUSCLE_SIGMA_PAS 3      // Pa
 #define MUSCLE_LAMBDA_PAS 4
 #define MUSCLE_LINE_OFFSET 5    // f_pas of the line at lambda_pas
+#define MUSCLE_CALCIUM 6        // 1: the calcium law below instead
+#define MUSCLE_BETA 7           // its slope over stretch
+
+// Calcium activation (Hung et al. 2009, eq. 3; Hunter et al. 1998): Cauchy fibre stress
+// sigma_act activation (1 + beta (stretch - 1)), activation the Hill function of the calcium level
+// (taken on the host). S_M = J F^-1 (sigma a (x) a) F^-T = J sigma/stretch^2 d (x) d.
+INLINE realv calcium_tension(__global const real* constants, real activation, realv stretch) {
+  const realv zero = broadcast(R(0.0)), one = broadcast(R(1.0));
+  realv sigma = R(1.0) + constants[MUSCLE_BETA] * (stretch - R(1.0));
+  sigma = sigma > zero ? sigma : zero;
+  const realv square = stretch * stretch;  // 0 where there is no fibre
+  return (activation * constants[MUSCLE_SIGMA_ACT]) * sigma / (square > zero ? square : one);
+}
 
 // Fibre stress over J, Pa.
 INLINE realv muscle_tension(__global const real* constants, real activation, realv stretch) {
+  if (constants[MUSCLE_CALCIUM] > R(0.5)) return calcium_tension(constants, activation, stretch);
   const realv zero = broadcast(R(0.0));
   realv active = stretch * (constants[MUSCLE_LINEAR] + stretch * constants[MUSCLE_SQUARE]) - R(5.25);
   active = active > zero ? active : zero;

@@ -4,7 +4,7 @@
 
 #include <cstdlib>
 #include <cstring>
-#include <new>
+#include <stdexcept>
 #include <utility>
 
 #include "backend/device.hpp"
@@ -91,33 +91,52 @@ class NativeBuffer final : public Buffer {
 
   std::size_t bytes() const override { return bytes_; }
   void write(const void* source, std::size_t bytes, std::size_t offset) override {
+    check_range(bytes, offset);
     if (bytes) std::memcpy(static_cast<char*>(data_) + offset, source, bytes);
   }
   void read(void* target, std::size_t bytes, std::size_t offset) const override {
+    check_range(bytes, offset);
     if (bytes) std::memcpy(target, static_cast<const char*>(data_) + offset, bytes);
   }
   void* host_pointer() const override { return data_; }
 
  private:
+  void check_range(std::size_t bytes, std::size_t offset) const {
+    if (offset > bytes_ || bytes > bytes_ - offset)
+      throw std::out_of_range("buffer: " + std::to_string(bytes) + " bytes from " +
+                              std::to_string(offset) + " are outside its " +
+                              std::to_string(bytes_) + " bytes");
+  }
+
   std::size_t bytes_;
   void* data_;
 };
 
 class NativeKernel final : public Kernel {
  public:
-  explicit NativeKernel(const KernelEntry& entry) : entry_(entry), args_(entry.n_args) {}
+  explicit NativeKernel(const KernelEntry& entry)
+      : entry_(entry), args_(entry.n_args), bound_(entry.n_args, false) {}
 
   void set_arg(unsigned index, const Buffer& buffer) override {
     check(index, true);
+    if (!buffer.host_pointer())
+      throw std::invalid_argument("native kernel: argument " + std::to_string(index) +
+                                  " is a buffer of another device");
     args_[index].pointer = buffer.host_pointer();
+    bound_[index] = true;
   }
   void set_arg(unsigned index, std::int32_t value) override {
     check(index, false);
     args_[index].integer = value;
+    bound_[index] = true;
   }
-  void enqueue(std::size_t n_items, std::size_t) override {
+  void enqueue(std::size_t n_items, std::size_t local_size) override {
+    for (unsigned index = 0; index < entry_.n_args; ++index)
+      if (!bound_[index])
+        throw SimulationError(std::string("kernel ") + entry_.name + ": argument " +
+                              std::to_string(index) + " is not bound");
     // A work-item is a band of rows where speed matters; many small ones go in chunks.
-    const std::size_t grain = n_items > 4096 ? 256 : 1;
+    const std::size_t grain = n_items > 4096 || local_size > 1 ? 256 : 1;
     parallel_for_chunks(n_items, grain, [&](std::size_t begin, std::size_t end) {
       entry_.run(args_.data(), begin, end);
     });
@@ -131,6 +150,7 @@ class NativeKernel final : public Kernel {
   }
   const KernelEntry& entry_;
   std::vector<KernelArg> args_;
+  std::vector<bool> bound_;
 };
 
 class NativeProgram final : public Program {

@@ -65,15 +65,21 @@ inline real last_lane(realv v) { return v[TLED_LANES - 1]; }
 
 // Loops over lanes: the compiler turns the first and last into one instruction a vector.
 inline realv square_root(realv x) {
-  realv y;
+  realv y = x;
   for (int lane = 0; lane < TLED_LANES; ++lane)
     y[lane] = sizeof(real) == 4 ? __builtin_sqrtf(x[lane]) : __builtin_sqrt(x[lane]);
   return y;
 }
 inline realv natural_log(realv x) {
-  realv y;
+  realv y = x;
   for (int lane = 0; lane < TLED_LANES; ++lane)
     y[lane] = sizeof(real) == 4 ? __builtin_logf(x[lane]) : __builtin_log(x[lane]);
+  return y;
+}
+inline realv natural_exp(realv x) {
+  realv y = x;
+  for (int lane = 0; lane < TLED_LANES; ++lane)
+    y[lane] = sizeof(real) == 4 ? __builtin_expf(x[lane]) : __builtin_exp(x[lane]);
   return y;
 }
 inline realv absolute(realv x) { return x < 0 ? -x : x; }

@@ -52,38 +52,37 @@ constexpr Enum kDeviceNativeVectorWidthFloat = 0x103A;
 constexpr Enum kProgramBuildLog = 0x1183;
 
 // X(name without "cl", return type, argument types)
-#define TLEDFACE_CL_ENTRY_POINTS(X)                                                               \
-  X(GetPlatformIDs, Int, (UInt, Platform*, UInt*))                                                \
-  X(GetPlatformInfo, Int, (Platform, Enum, std::size_t, void*, std::size_t*))                     \
-  X(GetDeviceIDs, Int, (Platform, Bitfield, UInt, DeviceId*, UInt*))                              \
-  X(GetDeviceInfo, Int, (DeviceId, Enum, std::size_t, void*, std::size_t*))                       \
-  X(CreateContext, Context,                                                                       \
-    (const std::intptr_t*, UInt, const DeviceId*,                                                 \
-     void (*)(const char*, const void*, std::size_t, void*), void*, Int*))                        \
-  X(ReleaseContext, Int, (Context))                                                               \
-  X(CreateCommandQueue, Queue, (Context, DeviceId, Bitfield, Int*))                               \
-  X(ReleaseCommandQueue, Int, (Queue))                                                            \
-  X(CreateBuffer, Memory, (Context, Bitfield, std::size_t, void*, Int*))                          \
-  X(ReleaseMemObject, Int, (Memory))                                                              \
-  X(EnqueueReadBuffer, Int,                                                                       \
-    (Queue, Memory, Bool, std::size_t, std::size_t, void*, UInt, const Event*, Event*))           \
-  X(EnqueueWriteBuffer, Int,                                                                      \
-    (Queue, Memory, Bool, std::size_t, std::size_t, const void*, UInt, const Event*, Event*))     \
-  X(EnqueueFillBuffer, Int,                                                                       \
-    (Queue, Memory, const void*, std::size_t, std::size_t, std::size_t, UInt, const Event*,       \
-     Event*))                                                                                     \
-  X(CreateProgramWithSource, ProgramId,                                                           \
-    (Context, UInt, const char**, const std::size_t*, Int*))                                      \
-  X(BuildProgram, Int,                                                                            \
-    (ProgramId, UInt, const DeviceId*, const char*, void (*)(ProgramId, void*), void*))           \
-  X(GetProgramBuildInfo, Int, (ProgramId, DeviceId, Enum, std::size_t, void*, std::size_t*))      \
-  X(ReleaseProgram, Int, (ProgramId))                                                             \
-  X(CreateKernel, KernelId, (ProgramId, const char*, Int*))                                       \
-  X(ReleaseKernel, Int, (KernelId))                                                               \
-  X(SetKernelArg, Int, (KernelId, UInt, std::size_t, const void*))                                \
-  X(EnqueueNDRangeKernel, Int,                                                                    \
-    (Queue, KernelId, UInt, const std::size_t*, const std::size_t*, const std::size_t*, UInt,     \
-     const Event*, Event*))                                                                       \
+#define TLEDFACE_CL_ENTRY_POINTS(X)                                                              \
+  X(GetPlatformIDs, Int, (UInt, Platform*, UInt*))                                               \
+  X(GetPlatformInfo, Int, (Platform, Enum, std::size_t, void*, std::size_t*))                    \
+  X(GetDeviceIDs, Int, (Platform, Bitfield, UInt, DeviceId*, UInt*))                             \
+  X(GetDeviceInfo, Int, (DeviceId, Enum, std::size_t, void*, std::size_t*))                      \
+  X(CreateContext, Context,                                                                      \
+    (const std::intptr_t*, UInt, const DeviceId*,                                                \
+     void (*)(const char*, const void*, std::size_t, void*), void*, Int*))                       \
+  X(ReleaseContext, Int, (Context))                                                              \
+  X(CreateCommandQueue, Queue, (Context, DeviceId, Bitfield, Int*))                              \
+  X(ReleaseCommandQueue, Int, (Queue))                                                           \
+  X(CreateBuffer, Memory, (Context, Bitfield, std::size_t, void*, Int*))                         \
+  X(ReleaseMemObject, Int, (Memory))                                                             \
+  X(EnqueueReadBuffer, Int,                                                                      \
+    (Queue, Memory, Bool, std::size_t, std::size_t, void*, UInt, const Event*, Event*))          \
+  X(EnqueueWriteBuffer, Int,                                                                     \
+    (Queue, Memory, Bool, std::size_t, std::size_t, const void*, UInt, const Event*, Event*))    \
+  X(EnqueueFillBuffer, Int,                                                                      \
+    (Queue, Memory, const void*, std::size_t, std::size_t, std::size_t, UInt, const Event*,      \
+     Event*))                                                                                    \
+  X(CreateProgramWithSource, ProgramId, (Context, UInt, const char**, const std::size_t*, Int*)) \
+  X(BuildProgram, Int,                                                                           \
+    (ProgramId, UInt, const DeviceId*, const char*, void (*)(ProgramId, void*), void*))          \
+  X(GetProgramBuildInfo, Int, (ProgramId, DeviceId, Enum, std::size_t, void*, std::size_t*))     \
+  X(ReleaseProgram, Int, (ProgramId))                                                            \
+  X(CreateKernel, KernelId, (ProgramId, const char*, Int*))                                      \
+  X(ReleaseKernel, Int, (KernelId))                                                              \
+  X(SetKernelArg, Int, (KernelId, UInt, std::size_t, const void*))                               \
+  X(EnqueueNDRangeKernel, Int,                                                                   \
+    (Queue, KernelId, UInt, const std::size_t*, const std::size_t*, const std::size_t*, UInt,    \
+     const Event*, Event*))                                                                      \
   X(Finish, Int, (Queue))
 
 // Entry points of one loaded library; all are set. Driver objects carry their own dispatch table

@@ -35,7 +35,7 @@ std::string linker_error() {
 // Entry points of an open library; false and `error` where one is missing.
 bool read_entry_points(void* library, cl::Api& api, std::string& error) {
   std::string missing;
-#define TLEDFACE_CL_FIND(name, result, arguments)                               \
+#define TLEDFACE_CL_FIND(name, result, arguments)                              \
   api.name = reinterpret_cast<decltype(api.name)>(dlsym(library, "cl" #name)); \
   if (!api.name && missing.empty()) missing = "cl" #name;
   TLEDFACE_CL_ENTRY_POINTS(TLEDFACE_CL_FIND)
@@ -228,8 +228,7 @@ std::vector<cl::Platform> platforms_of_driver(const std::string& path) {
   if (!library) throw InputError("OpenCL driver " + path + ": " + linker_error());
   using FindFunction = void* (*)(const char*);
   using ListPlatforms = cl::Int (*)(cl::UInt, cl::Platform*, cl::UInt*);
-  const auto find =
-      reinterpret_cast<FindFunction>(dlsym(library, "clGetExtensionFunctionAddress"));
+  const auto find = reinterpret_cast<FindFunction>(dlsym(library, "clGetExtensionFunctionAddress"));
   const auto list =
       find ? reinterpret_cast<ListPlatforms>(find("clIcdGetPlatformIDsKHR")) : nullptr;
   if (!list) {

@@ -14,8 +14,8 @@
 namespace tledface {
 namespace {
 
-constexpr const char* kBuildOptions = "-cl-std=CL1.2 -cl-mad-enable -cl-no-signed-zeros "
-                                      "-cl-denorms-are-zero";
+constexpr const char* kBuildOptions =
+    "-cl-std=CL1.2 -cl-mad-enable -cl-no-signed-zeros -cl-denorms-are-zero";
 // Buffers end on a full vector row and a cache line, so that whole rows can be filled.
 constexpr std::size_t kBufferGranularity = 128;
 
@@ -33,8 +33,10 @@ std::string one_line(const std::string& text) {
   std::string line;
   for (const char c : text) {
     const bool blank = c == '\0' || c == ' ' || c == '\n' || c == '\r' || c == '\t';
-    if (!blank) line += c;
-    else if (!line.empty() && line.back() != ' ') line += ' ';
+    if (!blank)
+      line += c;
+    else if (!line.empty() && line.back() != ' ')
+      line += ' ';
   }
   while (!line.empty() && line.back() == ' ') line.pop_back();
   return line;
@@ -117,8 +119,8 @@ struct OpenClContext {
     if (status != cl::kSuccess) {
       const std::string log = build_log(built);
       api.ReleaseProgram(built);
-      throw SimulationError(device_name + ": kernels do not compile, " +
-                            opencl_error_name(status) + ": " + first_errors(log));
+      throw SimulationError(device_name + ": kernels do not compile, " + opencl_error_name(status) +
+                            ": " + first_errors(log));
     }
     programs.emplace(source, built);
     return built;
@@ -178,11 +180,10 @@ class OpenClBuffer final : public Buffer {
   OpenClBuffer(std::shared_ptr<OpenClQueue> queue, std::size_t bytes)
       : queue_(std::move(queue)), bytes_(bytes) {
     const auto& api = queue_->api;
-    const std::size_t padded =
-        (std::max<std::size_t>(bytes, 1) + kBufferGranularity - 1) / kBufferGranularity *
-        kBufferGranularity;
-    const auto largest = query_value<std::uint64_t>(api, queue_->context.device,
-                                                    cl::kDeviceMaxMemoryAllocation);
+    const std::size_t padded = (std::max<std::size_t>(bytes, 1) + kBufferGranularity - 1) /
+                               kBufferGranularity * kBufferGranularity;
+    const auto largest =
+        query_value<std::uint64_t>(api, queue_->context.device, cl::kDeviceMaxMemoryAllocation);
     // Some drivers accept more than they have and fail, or swap, when it is first used.
     if (padded < bytes || padded > largest) refuse(cl::kInvalidBufferSize, largest);
     cl::Int status = cl::kSuccess;
@@ -313,8 +314,8 @@ bool OpenClDevice::prefers_vector_rows() const { return queue_->info.kind == "cp
 
 int OpenClDevice::preferred_lanes(Precision precision) const {
   if (!prefers_vector_rows()) return 16;
-  const auto native = query_value<cl::UInt>(queue_->api, queue_->context.device,
-                                            cl::kDeviceNativeVectorWidthFloat);
+  const auto native =
+      query_value<cl::UInt>(queue_->api, queue_->context.device, cl::kDeviceNativeVectorWidthFloat);
   const int lanes = native >= 16 || host_has_avx512() ? 16 : 8;
   return precision == Precision::kDouble ? lanes / 2 : lanes;
 }

@@ -1,0 +1,202 @@
+// The parts of Simulator beside the steps: prescribed values out of turn, external forces on the
+// host, the limit of the step, and relaxation: pseudo-steps with nodal masses of their own.
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "core/error.hpp"
+#include "core/threads.hpp"
+#include "precompute/layout.hpp"
+#include "sim/simulator.hpp"
+
+namespace tledface {
+namespace {
+
+// Equilibrium is what viscous stresses have left: they decay over this time (s) in each step.
+constexpr double kForever = 1e9;
+
+constexpr double kInvertedGrowth = 8;
+
+// F at the centre of the elements that hold fibres, 9 per element; 0 elsewhere.
+std::vector<double> fibre_gradients(const VoxelModel& model, const SolverArrays& arrays,
+                                    const std::vector<double>& u) {
+  const auto slots = nodes_to_slots(arrays, u);
+  const auto& order = arrays.order;
+  const std::int64_t lanes = arrays.lanes;
+  std::vector<double> gradient(9 * model.n_elements(), 0.0);
+  for (const VoxelMuscle& muscle : model.muscles)
+    parallel_for_chunks(muscle.elements.size(), 1024, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        const std::int64_t e = muscle.elements[i];
+        double F[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+        for (int corner = 0; corner < 8; ++corner) {
+          const std::int64_t slot = arrays.corner_slot(e, corner);
+          const double* at = &slots[slot / lanes * 3 * lanes + slot % lanes];
+          for (int c = 0; c < 3; ++c)
+            for (int d = 0; d < 3; ++d) {
+              const double side = 4 * model.voxel[order[d]];
+              F[3 * order[c] + order[d]] +=
+                  (corner >> d & 1 ? at[c * lanes] : -at[c * lanes]) / side;
+            }
+        }
+        std::copy_n(F, 9, &gradient[9 * e]);
+      }
+    });
+  return gradient;
+}
+
+}  // namespace
+
+Simulator::~Simulator() = default;
+
+void Simulator::set_prescribed(const std::vector<double>& values,
+                               const std::vector<double>& fields) {
+  const Conditions& given = conditions_->given();
+  if (values.size() != static_cast<std::size_t>(given.n_prescribed) ||
+      fields.size() != given.field_dofs.size())
+    throw InputError("set_prescribed: one value a channel and a field's node is needed");
+  auto u = displacement();
+  for (std::size_t i = 0; i < given.prescribed_dofs.size(); ++i)
+    u[given.prescribed_dofs[i]] = values[given.prescribed_channels[i]];
+  for (std::size_t i = 0; i < fields.size(); ++i) u[given.field_dofs[i]] = fields[i];
+  const auto slots = nodes_to_slots(arrays_, u);
+  // Free components keep what they have, velocity included.
+  auto before = slots_to_nodes(arrays_, read_slots(*u_[1 - now_]));
+  for (const std::int64_t dof : given.prescribed_dofs) before[dof] = u[dof];
+  for (const std::int64_t dof : given.field_dofs) before[dof] = u[dof];
+  write_reals(*u_[now_], slots);
+  write_reals(*u_[1 - now_], nodes_to_slots(arrays_, before));
+}
+
+std::vector<double> Simulator::external_force(const std::vector<double>& values) {
+  const Conditions& given = conditions_->given();
+  if (values.size() != static_cast<std::size_t>(given.n_values()))
+    throw InputError("external_force: one value a channel is needed");
+  auto force = conditions_->force(displacement(), values.data());
+  for (std::size_t n = 0; n < arrays_.node_mass.size(); ++n)
+    for (int c = 0; c < 3; ++c) force[3 * n + c] += arrays_.node_mass[n] * model_.gravity[c];
+  return force;
+}
+
+StepLimiter& Simulator::limiter() {
+  if (!limiter_) limiter_ = std::make_unique<StepLimiter>(*this);
+  return *limiter_;
+}
+
+StiffnessState Simulator::stiffness_state(const std::vector<double>& u,
+                                          const std::vector<double>& activations) {
+  if (activations.size() != model_.muscles.size())
+    throw InputError("time step: one activation a muscle is needed");
+  StiffnessState state;
+  state.growth = evaluator().growth(u);
+  state.activations = activations;
+  if (!activations.empty()) state.deformation_gradient = fibre_gradients(model_, arrays_, u);
+  return state;
+}
+
+StepLimit Simulator::limit_now(const std::vector<double>& activations, double reach_low,
+                               double reach_high, double enough) {
+  const auto u = displacement();
+  StiffnessState state = stiffness_state(u, activations);
+  state.reach_low = reach_low;
+  state.reach_high = reach_high;
+  return limiter().limit(u, std::move(state), enough);
+}
+
+StepLimit Simulator::measured_limit(const std::vector<double>& activations) {
+  const auto u = displacement();
+  return limiter().measure(u, stiffness_state(u, activations));
+}
+
+std::vector<double> Simulator::relaxation_masses() {
+  StiffnessState state;
+  state.growth = evaluator().growth(displacement());
+  // An inverted element must stay free to turn back.
+  for (double& value : state.growth)
+    if (!(value > 0)) value = kInvertedGrowth;
+  auto masses = node_stiffness(model_, arrays_, element_stiffness(model_, state));
+  for (double& mass : masses) mass /= 4;  // omega = 2
+  return masses;
+}
+
+void Simulator::begin_relaxation(const std::vector<double>& node_mass) {
+  const std::size_t n_nodes = arrays_.node_mass.size(), lanes = arrays_.lanes;
+  if (node_mass.size() != n_nodes ||
+      !std::all_of(node_mass.begin(), node_mass.end(), [](double m) { return m > 0; }))
+    throw InputError("begin_relaxation: one positive mass a node is needed");
+  device_->finish();
+  std::vector<double> inverse(std::size_t(arrays_.n_blocks + 1) * TLED_NODE_ROWS * lanes, 0.0);
+  for (std::size_t n = 0; n < n_nodes; ++n) {
+    const std::size_t slot = arrays_.node_slot[n];
+    for (int c = 0; c < 3; ++c)
+      if (!model_.fixed[3 * n + arrays_.order[c]])
+        inverse[(slot / lanes * TLED_NODE_ROWS + c) * lanes + slot % lanes] = 1 / node_mass[n];
+  }
+  if (!relaxation_) {
+    relaxation_ = std::make_unique<Relaxation>();
+    auto links = arrays_.blocks;
+    for (std::int32_t b = 0; b <= arrays_.n_blocks; ++b)
+      links[std::size_t(b) * TLED_BLOCK_INTS + BLOCK_NODE] = b;
+    relaxation_->blocks = device_->allocate(links.size() * sizeof(std::int32_t));
+    relaxation_->blocks->write(links.data(), links.size() * sizeof(std::int32_t));
+    relaxation_->node_sets = device_->allocate(inverse.size() * real_size(options_.precision));
+    Conditions gravity;
+    for (std::size_t n = 0; n < n_nodes; ++n)
+      for (int c = 0; c < 3; ++c)
+        if (model_.gravity[c] != 0 && !model_.fixed[3 * n + c]) {
+          gravity.load_dofs.push_back(static_cast<std::int64_t>(3 * n + c));
+          gravity.load_channels.push_back(0);
+          gravity.load_forces.push_back(arrays_.node_mass[n] * model_.gravity[c]);
+        }
+    gravity.n_loads = gravity.load_dofs.empty() ? 0 : 1;
+    relaxation_->gravity =
+        std::make_unique<NodalConditions>(std::move(gravity), model_, arrays_, *device_, *program_,
+                                          options_.precision, std::int32_t(STEP_UNIT), 1);
+  }
+  write_reals(*relaxation_->node_sets, inverse);
+  bind_masses(*relaxation_->blocks, *relaxation_->node_sets);
+  const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
+  relaxation_->gravity->bind(u, *relaxation_->blocks, *relaxation_->node_sets, *step_table_,
+                             step_reals_);
+}
+
+void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput& input) {
+  if (!relaxation_) throw InputError("relax: begin_relaxation comes first");
+  check_input("relax", steps.size(), input, 2);
+  const std::size_t n_muscles = model_.muscles.size(), n_values = conditions_->given().n_values();
+  device_->finish();
+  if (conditions_->n_fields()) conditions_->write_keys(input.keys.data(), 2);
+  std::vector<double> table;
+  for (std::size_t done = 0; done < steps.size();) {
+    const std::size_t batch = std::min(largest_batch(), steps.size() - done);
+    table.assign(batch * step_reals_, 0.0);
+    for (std::size_t i = 0; i < batch; ++i) {
+      const RelaxationStep& step = steps[done + i];
+      double* row = &table[i * step_reals_];
+      row[STEP_VELOCITY] = step.velocity;
+      row[STEP_FORCE] = step.force;
+      fill_step(row, input.activations.data() + (done + i) * n_muscles,
+                input.values.data() + (done + i) * n_values, step.field_weight);
+      row[STEP_DT] = kForever;
+    }
+    device_->finish();
+    write_reals(*step_table_, table);
+    for (std::size_t i = 0; i < batch; ++i) {
+      enqueue_step(static_cast<std::int32_t>(i), 0);
+      relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i), 0);
+      now_ = 1 - now_;
+    }
+    done += batch;
+  }
+}
+
+void Simulator::end_relaxation() {
+  if (!relaxation_) return;
+  device_->finish();
+  relaxation_.reset();
+  bind_masses(*blocks_, *node_sets_);
+  write_reals(*u_[1 - now_], read_slots(*u_[now_]));
+  starts_ = true;
+}
+
+}  // namespace tledface

@@ -1,0 +1,208 @@
+#include "sim/step_limit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <numeric>
+
+#include "core/threads.hpp"
+#include "sim/simulator.hpp"
+
+namespace tledface {
+namespace {
+
+// Lanczos: it ends when the residual of the largest Ritz value is this share of it.
+constexpr int kFewestIterations = 12, kMostIterations = 48;
+constexpr double kEnough = 0.01;
+// Share of the Ritz value added on top of its residual: for finite differences, the operator's
+// unsymmetric part (fibre stress over J) and a mode that the iteration has not met.
+constexpr double kMargin = 0.03;
+// Growth of the nodes' bounds up to which the last iteration is scaled, and its power: the bound of
+// a contracted body is closer to the limit than that of one at rest, so the operator grows faster
+// than the bounds (power 2.5 from rest to a stretch of 0.65).
+constexpr double kTrustedGrowth = 1.05, kGrowthPower = 2.5;
+// Largest displacement of the finite differences over the shortest edge.
+constexpr double kDifference = 1e-6;
+
+// Numbers that one work-item of a sum or a loop over vectors takes; sums are in one order for any
+// number of threads.
+constexpr std::size_t kChunk = 16384;
+
+double dot(const std::vector<double>& a, const std::vector<double>& b) {
+  std::vector<double> sums((a.size() + kChunk - 1) / kChunk);
+  parallel_for_chunks(a.size(), kChunk, [&](std::size_t begin, std::size_t end) {
+    double sum = 0;
+    for (std::size_t i = begin; i < end; ++i) sum += a[i] * b[i];
+    sums[begin / kChunk] = sum;
+  });
+  return std::accumulate(sums.begin(), sums.end(), 0.0);
+}
+
+template <class Body>
+void for_each(std::size_t n, Body body) {
+  parallel_for_chunks(n, kChunk, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) body(i);
+  });
+}
+
+// Largest eigenvalue of a symmetric tridiagonal matrix by bisection on Sturm counts, and the last
+// component of its unit eigenvector.
+struct Ritz {
+  double value, last;
+};
+
+Ritz largest_ritz(const std::vector<double>& alpha, const std::vector<double>& beta) {
+  const std::size_t n = alpha.size();
+  double low = *std::max_element(alpha.begin(), alpha.end()), high = low;
+  for (std::size_t i = 0; i < n; ++i)
+    high = std::max(
+        high, alpha[i] + (i ? std::abs(beta[i - 1]) : 0) + (i + 1 < n ? std::abs(beta[i]) : 0));
+  for (int i = 0; i < 200 && high - low > 1e-13 * std::abs(high); ++i) {
+    const double middle = 0.5 * (low + high);
+    double q = alpha[0] - middle;
+    bool above = q > 0;  // an eigenvalue lies above `middle`
+    for (std::size_t k = 1; k < n && !above; ++k) {
+      q = alpha[k] - middle - beta[k - 1] * beta[k - 1] / q;
+      above = q > 0;
+    }
+    (above ? low : high) = middle;
+  }
+  // Eigenvector by the recurrence from the first row.
+  std::vector<double> v(n, 0.0);
+  v[0] = 1;
+  for (std::size_t k = 0; k + 1 < n; ++k)
+    v[k + 1] = ((high - alpha[k]) * v[k] - (k ? beta[k - 1] * v[k - 1] : 0)) / beta[k];
+  return {high, std::abs(v[n - 1]) / std::sqrt(dot(v, v))};
+}
+
+}  // namespace
+
+StepLimiter::StepLimiter(const Simulator& sim)
+    : model_(sim.model()),
+      node_mass_(sim.arrays().node_mass),
+      host_([&] {
+        SimulatorOptions options = sim.options();
+        options.precision = Precision::kDouble;
+        options.kernels = KernelPath::kRows;
+        options.n_bands = 0;
+        return std::make_unique<Simulator>(make_native_device(), sim.model(), options);
+      }()),
+      arrays_(host_->arrays()) {}
+
+StepLimiter::~StepLimiter() = default;
+
+double StepLimiter::highest_square(const std::vector<double>& u,
+                                   const std::vector<double>& activations,
+                                   const std::vector<double>& node_squares) {
+  const std::size_t n = u.size();
+  std::vector<double> inverse_root(n), q(n), before(n, 0.0), w(n), moved(n);
+  const double highest = *std::max_element(node_squares.begin(), node_squares.end());
+  // Every mode has a part in the start; those of the stiffest nodes the most.
+  std::uint64_t random = 0x9e3779b97f4a7c15u;
+  for (std::size_t i = 0; i < n; ++i) {
+    random = random * 6364136223846793005u + 1442695040888963407u;
+    const double noise = static_cast<double>(random >> 11) / 9007199254740992.0 - 0.5;
+    const double weight = node_squares[i / 3] / highest;
+    inverse_root[i] = model_.fixed[i] ? 0 : 1 / std::sqrt(node_mass_[i / 3]);
+    q[i] = model_.fixed[i] ? 0 : noise * weight * weight;
+  }
+  const double length = std::sqrt(dot(q, q));
+  for (double& value : q) value /= length;
+
+  const auto force_at = [&](const std::vector<double>& at) {
+    host_->set_state(at, {}, 0);
+    return host_->internal_force(activations);
+  };
+  const auto force = force_at(u);
+  const double edge = *std::min_element(model_.voxel.begin(), model_.voxel.end());
+  std::vector<double> alpha, beta;
+  for (int iteration = 0; iteration < kMostIterations; ++iteration) {
+    double largest = 0;
+    for (std::size_t i = 0; i < n; ++i)
+      largest = std::max(largest, std::abs(inverse_root[i] * q[i]));
+    const double step = kDifference * edge / largest;
+    for_each(n, [&](std::size_t i) { moved[i] = u[i] + step * inverse_root[i] * q[i]; });
+    const auto pushed = force_at(moved);
+    const double last = beta.empty() ? 0 : beta.back();
+    for_each(n, [&](std::size_t i) {
+      w[i] = inverse_root[i] * (pushed[i] - force[i]) / step - last * before[i];
+    });
+    alpha.push_back(dot(w, q));
+    for_each(n, [&](std::size_t i) { w[i] -= alpha.back() * q[i]; });
+    const double rest = std::sqrt(dot(w, w));
+    const Ritz ritz = largest_ritz(alpha, beta);
+    const double residual = rest * ritz.last;
+    const bool done = iteration + 1 >= kFewestIterations && residual < kEnough * ritz.value;
+    if (done || iteration + 1 == kMostIterations || rest <= 1e-12 * ritz.value)
+      return (1 + kMargin) * (ritz.value + residual);
+    beta.push_back(rest);
+    before.swap(q);
+    for_each(n, [&](std::size_t i) { q[i] = w[i] / rest; });
+  }
+  return HUGE_VAL;
+}
+
+std::vector<double> StepLimiter::squares_of(const std::vector<double>& at_node) const {
+  std::vector<double> squares(at_node.size());
+  for (std::size_t n = 0; n < squares.size(); ++n) {
+    const bool held = model_.fixed[3 * n] && model_.fixed[3 * n + 1] && model_.fixed[3 * n + 2];
+    squares[n] = held ? 0 : at_node[n] / node_mass_[n];
+  }
+  return squares;
+}
+
+void StepLimiter::restore(std::vector<double> squares, double square) {
+  last_squares_ = std::move(squares);
+  last_square_ = square;
+}
+
+StepLimit StepLimiter::limit(const std::vector<double>& u, StiffnessState state, double enough) {
+  StepLimit result;
+  const auto stiffness = element_stiffness(model_, state);
+  const auto at_node = node_stiffness(model_, arrays_, stiffness);
+  result.bound = time_step_bound(model_, arrays_, stiffness, at_node);
+  result.dt = result.bound.dt;
+  if (!(result.bound.dt > 0) || !std::isfinite(result.bound.dt)) return result;
+  StiffnessState exact = state;
+  exact.reach_low = exact.reach_high = 1;
+  const bool reaches = state.reach_low != 1 || state.reach_high != 1;
+  const auto reached = squares_of(at_node);
+  const auto squares =
+      reaches && !model_.muscles.empty()
+          ? squares_of(node_stiffness(model_, arrays_, element_stiffness(model_, exact)))
+          : reached;
+  const auto growth = [&](const std::vector<double>& now, const std::vector<double>& then) {
+    double most = 1;
+    for (std::size_t n = 0; n < now.size(); ++n)
+      if (now[n] > last_square_) most = std::max(most, now[n] / then[n]);
+    return most;
+  };
+  const bool base_only = model_.laws.empty();
+  double since = last_square_ > 0 ? growth(squares, last_squares_) : HUGE_VAL;
+  const auto scaled = [&] {
+    if (since > kTrustedGrowth) return result.bound.dt;
+    const double limit =
+        2 / std::sqrt(last_square_ * std::pow(since, kGrowthPower) * growth(reached, squares));
+    return base_only ? std::max(result.bound.dt, limit) : limit;
+  };
+  result.dt = scaled();
+  if (result.dt < enough || (!base_only && enough > 0)) {
+    last_squares_ = squares;
+    last_square_ = highest_square(u, state.activations, squares);
+    since = 1;
+    result.dt = scaled();
+    result.iterated = true;
+  }
+  return result;
+}
+
+StepLimit StepLimiter::measure(const std::vector<double>& u, const StiffnessState& state) {
+  auto squares = std::move(last_squares_);
+  const double square = last_square_;
+  last_square_ = 0;
+  const StepLimit result = limit(u, state, HUGE_VAL);
+  restore(std::move(squares), square);
+  return result;
+}
+
+}  // namespace tledface

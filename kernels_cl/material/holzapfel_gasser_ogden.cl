@@ -1,0 +1,99 @@
+/* @law
+title = "Holzapfel-Gasser-Ogden, one or two fibre families"
+energy = "W = mu/2 (I1_iso - 3) + sum k1/(2 k2) (exp(k2 E^2) - 1), E = dispersion (I1_iso - 3) + (1 - 3 dispersion) (I4_iso - 1) where positive, + U(J)"
+source = "Gasser, Ogden & Holzapfel 2006, eq. 4.6-4.9"
+caveats = "Fibres carry tension only (E > 0). Langer lines: one family along the lines, or two at +- angle to them. The exponential sets the time step at large stretch."
+stage = 0
+rows = 11
+history = 0
+vectors = [5, 8]
+volumetric = "common"
+shear_modulus = "mu"
+bulk_modulus = "bulk_modulus"
+fibre_modulus = "4 * k1 * (1 - 2 * dispersion)**2"
+row_values = ["mu", "k1", "k2", "dispersion", "first.x", "first.y", "first.z", "second.x", "second.y", "second.z"]
+[parameters.mu]
+kind = "pressure"
+above = 0.0
+meaning = "shear modulus of the ground substance"
+[parameters.k1]
+kind = "pressure"
+at_least = 0.0
+meaning = "stiffness of the fibres"
+[parameters.k2]
+kind = "number"
+above = 0.0
+meaning = "how fast they stiffen"
+[parameters.dispersion]
+kind = "number"
+at_least = 0.0
+below = 0.3334
+default = 0.0
+meaning = "0: fibres parallel, 1/3: isotropic"
+[parameters.bulk_modulus]
+kind = "pressure"
+above = 0.0
+meaning = "of U(J)"
+[directions.first]
+meaning = "first family"
+[directions.second]
+optional = true
+meaning = "second family; left out: none"
+*/
+// One family: dW/dE_C of E: 2 k1 E exp(k2 E^2) [dispersion J^(-2/3) (I - I1/3 C^-1) +
+// (1 - 3 dispersion) J^(-2/3) (d (x) d - I4/3 C^-1)]. A family with a zero direction is absent.
+INLINE void add_family(Kinematics k, __global const real* rows, int first, Tensor* P) {
+  const realv zero = broadcast(R(0.0));
+  const realv k1 = law_row(rows, 2), k2 = law_row(rows, 3), spread = law_row(rows, 4);
+  const realv dx = law_row(rows, first), dy = law_row(rows, first + 1), dz = law_row(rows, first + 2);
+  const realv vx = k.F.xx * dx + k.F.xy * dy + k.F.xz * dz;
+  const realv vy = k.F.yx * dx + k.F.yy * dy + k.F.yz * dz;
+  const realv vz = k.F.zx * dx + k.F.zy * dy + k.F.zz * dz;
+  const realv I4 = vx * vx + vy * vy + vz * vz, iso = k.cube_root * k.cube_root;
+  const realv along = R(1.0) - R(3.0) * spread;
+  realv E = spread * (iso * k.I1 - R(3.0)) + along * (iso * I4 - R(1.0));
+  E = E > R(0.0) ? E : zero;
+  E = I4 > R(0.0) ? E : zero;
+  const realv slope = R(2.0) * law_row(rows, 0) * k1 * E * natural_exp(k2 * E * E) * iso;
+  add_scaled(P, slope * spread, k.F,
+             slope * (spread * k.I1 + along * I4) * (k.inverse_J * R(-1.0 / 3.0)), k.cof);
+  const realv s = slope * along;
+  P->xx += s * vx * dx;
+  P->xy += s * vx * dy;
+  P->xz += s * vx * dz;
+  P->yx += s * vy * dx;
+  P->yy += s * vy * dy;
+  P->yz += s * vy * dz;
+  P->zx += s * vz * dx;
+  P->zy += s * vz * dy;
+  P->zz += s * vz * dz;
+}
+
+INLINE realv family_energy(Kinematics k, __global const real* rows, int first) {
+  const realv zero = broadcast(R(0.0)), k2 = law_row(rows, 3), spread = law_row(rows, 4);
+  const realv dx = law_row(rows, first), dy = law_row(rows, first + 1), dz = law_row(rows, first + 2);
+  const realv vx = k.F.xx * dx + k.F.xy * dy + k.F.xz * dz;
+  const realv vy = k.F.yx * dx + k.F.yy * dy + k.F.yz * dz;
+  const realv vz = k.F.zx * dx + k.F.zy * dy + k.F.zz * dz;
+  const realv I4 = vx * vx + vy * vy + vz * vz, iso = k.cube_root * k.cube_root;
+  realv E = spread * (iso * k.I1 - R(3.0)) + (R(1.0) - R(3.0) * spread) * (iso * I4 - R(1.0));
+  E = E > R(0.0) ? E : zero;
+  E = I4 > R(0.0) ? E : zero;
+  const realv safe = k2 > R(0.0) ? k2 : broadcast(R(1.0));
+  return R(0.5) * law_row(rows, 2) / safe * (natural_exp(k2 * E * E) - R(1.0));
+}
+
+INLINE void holzapfel_gasser_ogden_stress(Kinematics k, __global const real* rows, LawState state,
+                                          Tensor* P) {
+  const IsotropicStress s = isochoric_neo_hookean(law_row(rows, 0) * law_row(rows, 1), k);
+  add_scaled(P, s.along_F, k.F, s.along_cof, k.cof);
+  add_family(k, rows, 5, P);
+  add_family(k, rows, 8, P);
+}
+
+INLINE realv holzapfel_gasser_ogden_energy(Kinematics k, __global const real* rows,
+                                           LawState state) {
+  return law_row(rows, 0) *
+         (R(0.5) * law_row(rows, 1) * (k.cube_root * k.cube_root * k.I1 - R(3.0)) +
+          family_energy(k, rows, 5) + family_energy(k, rows, 8));
+}
