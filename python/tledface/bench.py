@@ -31,10 +31,11 @@ _REPEATABLE = 50  # steps of the two runs that are compared bit for bit
 
 
 def flat_block(cells: tuple[int, int, int] = _CELLS) -> Model:
-    """The seed's flat skin block as a structured model: layers of its Table I, a muscle sheet.
+    """A skin block of the demo's size: layers of Warburton & Maddock's Table I, a muscle sheet.
 
-    Voxels of 0.5 mm. The top layer holds 4 % of stratum corneum; the muscle is two voxels thick
-    over the middle 60 % in x and all of y.
+    Voxels of 0.5 mm; density 11 000 kg/m3, tissue scaled by ten as in the paper. The top layer
+    holds 4 % of stratum corneum; the muscle is two voxels thick over the middle 60 % in x and all
+    of y.
     """
     from tledface.constitutive import material
     from tledface.model import Model

@@ -155,6 +155,7 @@ def _add_muscles(
             lambda_opt=spec.lambda_opt,
             lambda_pas=spec.lambda_pas,
             weight=np.minimum(weight[where], 1.0),
+            law=spec.law,
         )
 
 

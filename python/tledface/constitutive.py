@@ -1,88 +1,25 @@
 """Materials: a constitutive law's name with checked parameters, in SI units.
 
-The registry describes every law: its parameters with unit and bounds, its energy, where that
-comes from and what to be careful about.
+The laws themselves, their parameters, bounds and sources, stand in `tledface.laws`.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from tledface import units
 from tledface.errors import InputError
+from tledface.laws import Law, all_laws, evaluate
 
-__all__ = ["Law", "Material", "Parameter", "material", "materials", "parse_material"]
+__all__ = ["Material", "material", "materials", "parse_material"]
 
+Vector = tuple[float, float, float]
 
-@dataclass(frozen=True)
-class Parameter:
-    """One number of a law: kind of quantity (``units.KINDS``), bounds in SI, meaning."""
-
-    name: str
-    kind: str
-    meaning: str
-    above: float | None = None
-    at_least: float | None = None
-    below: float | None = None
-    bare: float | None = None
-
-    @property
-    def unit(self) -> str:
-        """The SI unit, empty for a plain number."""
-        return units.KINDS[self.kind].si
-
-    @property
-    def bounds(self) -> str:
-        """The bounds in words and SI units."""
-        limits = (("> ", self.above), (">= ", self.at_least), ("< ", self.below))
-        return " and ".join(f"{sign}{limit:g}" for sign, limit in limits if limit is not None)
-
-    def read(self, value: object, bare: float | None) -> float:
-        """The checked SI value; raises InputError without the parameter's name."""
-        number = units.parse(value, self.kind, bare=bare)
-        return units.bounded(
-            number,
-            above=self.above,
-            at_least=self.at_least,
-            below=self.below,
-            shown=value,
-            unit=self.unit,
-        )
-
-
-@dataclass(frozen=True)
-class Law:
-    """A constitutive law: parameters, choices (first one is the default), source, caveats."""
-
-    name: str
-    energy: str
-    parameters: tuple[Parameter, ...]
-    options: dict[str, tuple[str, ...]]
-    source: str
-    caveats: str
-
-
-_DENSITY = Parameter("density", "density", "mass per reference volume", above=0.0, bare=1.0)
-
-_LAWS = {
-    "neo_hookean": Law(
-        name="neo_hookean",
-        energy="W = mu/2 (J^(-2/3) I1 - 3) + U(J); "
-        'volumetric "log": U = bulk/4 (J^2 - 1 - 2 ln J), "quadratic": U = bulk/2 (J - 1)^2',
-        parameters=(
-            Parameter("youngs_modulus", "pressure", "stiffness at small strain", above=0.0),
-            Parameter("poissons_ratio", "number", "0.5 is incompressible", at_least=0.0, below=0.5),
-            _DENSITY,
-        ),
-        options={"volumetric": ("log", "quadratic")},
-        source="decoupled compressible neo-Hookean; Warburton & Maddock 2014, Physically-based "
-        "forehead animation including wrinkles, section 5",
-        caveats='volumetric="quadratic" has finite energy at J = 0, so elements can invert under '
-        'strong contraction; "log" does not. The time step shrinks as poissons_ratio nears 0.5.',
-    )
-}
+_PRONY_TERMS = 3
 
 
 @dataclass(frozen=True)
@@ -90,46 +27,90 @@ class Material:
     """A law with its parameters (SI).
 
     ``parameters`` holds the law's numbers without the density, ``density`` is in kg/m^3,
-    ``options`` the law's choices by name.
+    ``options`` the law's choices by name, ``directions`` unit vectors by name; ``prony`` pairs
+    (share, time in s); ``pretension`` the values of that modifier, or None.
     """
 
     model: str
     parameters: dict[str, float]
     density: float
     options: dict[str, str] = field(default_factory=dict)
+    directions: dict[str, Vector] = field(default_factory=dict)
+    prony: tuple[tuple[float, float], ...] = ()
+    pretension: Pretension | None = None
+
+    @property
+    def law(self) -> Law:
+        """The law itself."""
+        return all_laws()[self.model]
+
+    @cached_property
+    def mu(self) -> float:
+        """Shear modulus at small strain, Pa (instantaneous with ``prony``)."""
+        return evaluate(self.law.shear_modulus, self.parameters)
+
+    @cached_property
+    def bulk(self) -> float:
+        """Bulk modulus at small strain, Pa."""
+        return evaluate(self.law.bulk_modulus, self.parameters)
 
     @property
     def youngs_modulus(self) -> float:
-        """Young's modulus at small strain, Pa."""
-        return self.parameters["youngs_modulus"]
+        """Young's modulus at small strain, Pa: 9 K mu / (3 K + mu)."""
+        given = self.parameters.get("youngs_modulus")
+        return 9 * self.bulk * self.mu / (3 * self.bulk + self.mu) if given is None else given
 
     @property
     def poissons_ratio(self) -> float:
-        """Poisson's ratio at small strain."""
-        return self.parameters["poissons_ratio"]
-
-    @property
-    def mu(self) -> float:
-        """Shear modulus at small strain, Pa: E / (2 (1 + nu))."""
-        return self.youngs_modulus / (2.0 * (1.0 + self.poissons_ratio))
-
-    @property
-    def bulk(self) -> float:
-        """Bulk modulus at small strain, Pa: E / (3 (1 - 2 nu))."""
-        return self.youngs_modulus / (3.0 * (1.0 - 2.0 * self.poissons_ratio))
+        """Poisson's ratio at small strain: (3 K - 2 mu) / (2 (3 K + mu))."""
+        given = self.parameters.get("poissons_ratio")
+        if given is not None:
+            return given
+        return (3 * self.bulk - 2 * self.mu) / (2 * (3 * self.bulk + self.mu))
 
     @property
     def volumetric(self) -> str:
-        """The form of U(J): "log" or "quadratic"."""
-        return self.options["volumetric"]
+        """The form of U(J): "log" or "quadratic"; "own" where the law has its own."""
+        return self.options.get("volumetric", "own")
+
+    def rows(self) -> list[tuple[str, list[float]]]:
+        """The kernel rows of the law and its modifiers, weight left out, by law name.
+
+        The plain neo-Hookean law needs none: every element has its share of it.
+        """
+        result = []
+        if self.model != "neo_hookean":
+            names = dict(self.parameters) | {"mu": self.mu, "bulk": self.bulk}
+            names |= _components(self.directions, [d.name for d in self.law.directions])
+            result.append((self.model, [evaluate(v, names) for v in self.law.row_values]))
+        if self.prony:
+            padded = [*self.prony, *[(0.0, 0.0)] * (_PRONY_TERMS - len(self.prony))]
+            result.append(("prony", [value for pair in padded for value in pair]))
+        if self.pretension is not None:
+            p = self.pretension
+            result.append(("pretension", [p.along, p.across, *p.line, *p.normal]))
+        return result
 
     def __hash__(self) -> int:
         """Hash over all values, so that equal materials are one dictionary key."""
         numbers, choices = sorted(self.parameters.items()), sorted(self.options.items())
-        return hash((self.model, tuple(numbers), self.density, tuple(choices)))
+        vectors = sorted(self.directions.items())
+        return hash(
+            (self.model, *numbers, self.density, *choices, *vectors, self.prony, self.pretension)
+        )
 
 
-def material(model: str, **params: float | str) -> Material:
+@dataclass(frozen=True)
+class Pretension:
+    """Natural tension: stress along a line and across it within the skin, Pa; unit vectors."""
+
+    along: float
+    across: float
+    line: Vector
+    normal: Vector
+
+
+def material(model: str, **params: object) -> Material:
     """A material by the name of its law, SI numbers (text with units is taken too).
 
     Example: ``material("neo_hookean", youngs_modulus=34e3, poissons_ratio=0.49, density=1100.0)``.
@@ -151,22 +132,68 @@ def parse_material(table: object) -> Material:
 
 def materials() -> dict[str, Law]:
     """Every law by its name: parameters with units and bounds, energy, source, caveats."""
-    return dict(_LAWS)
+    return dict(all_laws())
 
 
 def _checked(given: Mapping[str, object], *, bare_si: bool) -> Material:
+    laws = {name: law for name, law in all_laws().items() if law.modifier is None}
+    modifiers = [law.modifier for law in all_laws().values() if law.modifier is not None]
     name = given.get("model")
     if name is None:
-        raise InputError(f"model missing; allowed: {_quoted(_LAWS)}")
-    law = _LAWS.get(name) if isinstance(name, str) else None
+        raise InputError(f"model missing; allowed: {_quoted(laws)}")
+    law = laws.get(name) if isinstance(name, str) else None
     if law is None:
-        raise InputError(f"model: unknown law {name!r}{_nearest(name, _LAWS)}")
-    known = [*(parameter.name for parameter in law.parameters), *law.options]
+        raise InputError(f"model: unknown law {name!r}{_nearest(name, laws)}")
+    known = [
+        *(parameter.name for parameter in law.parameters),
+        *(direction.name for direction in law.directions),
+        *law.options,
+        *modifiers,
+    ]
     for key in given:
         if key != "model" and key not in known:
             raise InputError(f"{key}: unknown parameter of {law.name}{_nearest(key, known)}")
+    values = _read_parameters(law, given, bare_si=bare_si)
+    options: dict[str, str] = {}
+    for option, choices in law.options.items():
+        chosen = given.get(option, choices[0])
+        if not isinstance(chosen, str) or chosen not in choices:
+            raise InputError(f"{option}: got {chosen!r}; allowed: {_quoted(choices)}")
+        options[option] = chosen
+    directions = {}
+    for direction in law.directions:
+        if direction.name in given:
+            directions[direction.name] = _unit_vector(direction.name, given[direction.name])
+        elif not direction.optional:
+            raise InputError(f"{direction.name} missing: {law.name} needs a direction [x, y, z]")
+    density = values.pop("density")
+    made = Material(
+        law.name,
+        values,
+        density,
+        options,
+        directions,
+        _read_prony(given.get("prony"), law, bare_si=bare_si),
+        _read_pretension(given.get("pretension"), bare_si=bare_si),
+    )
+    if not (made.mu > 0.0 and made.bulk > 0.0):
+        raise InputError(
+            f"{law.name}: shear modulus {made.mu:g} Pa and bulk modulus {made.bulk:g} Pa at rest; "
+            "both must be above 0"
+        )
+    return made
+
+
+def _read_parameters(law: Law, given: Mapping[str, object], *, bare_si: bool) -> dict[str, float]:
     values: dict[str, float] = {}
     for parameter in law.parameters:
+        if parameter.name not in given and parameter.default is not None:
+            values[parameter.name] = (
+                values[parameter.default]
+                if isinstance(parameter.default, str)
+                else parameter.default
+            )
+            continue
         if parameter.name not in given:
             wanted = units.KINDS[parameter.kind]
             raise InputError(
@@ -178,14 +205,77 @@ def _checked(given: Mapping[str, object], *, bare_si: bool) -> Material:
             values[parameter.name] = parameter.read(given[parameter.name], bare)
         except InputError as error:
             raise InputError(f"{parameter.name}: {error}") from None
-    options: dict[str, str] = {}
-    for option, choices in law.options.items():
-        chosen = given.get(option, choices[0])
-        if not isinstance(chosen, str) or chosen not in choices:
-            raise InputError(f"{option}: got {chosen!r}; allowed: {_quoted(choices)}")
-        options[option] = chosen
-    density = values.pop("density")
-    return Material(law.name, values, density, options)
+    return values
+
+
+def _read_prony(value: object, law: Law, *, bare_si: bool) -> tuple[tuple[float, float], ...]:
+    if value is None:
+        return ()
+    if law.volumetric == "own":
+        raise InputError(
+            f"prony: {law.name} has no separate isochoric part; allowed with laws that have one"
+        )
+    pairs = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    if not 1 <= len(pairs) <= _PRONY_TERMS:
+        raise InputError(f"prony: got {len(pairs)} terms; allowed: 1 to {_PRONY_TERMS}")
+    result = []
+    for pair in pairs:
+        if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+            raise InputError(
+                f"prony: got {pair!r}; allowed: pairs [share, time], as [0.3, '20 ms']"
+            )
+        share = units.bounded(
+            units.parse(pair[0], "number", bare=1.0), above=0.0, below=1.0, shown=pair[0], unit=""
+        )
+        time = units.parse(pair[1], "time", bare=1.0 if bare_si else None)
+        result.append((share, units.bounded(time, above=0.0, shown=pair[1], unit="s")))
+    if sum(share for share, _ in result) >= 1.0:
+        raise InputError("prony: the shares add up to 1 or more; allowed: less than 1")
+    return tuple(result)
+
+
+def _read_pretension(value: object, *, bare_si: bool) -> Pretension | None:
+    if value is None:
+        return None
+    keys = ("along", "across", "line", "normal")
+    if not isinstance(value, Mapping) or set(value) - set(keys) or "along" not in value:
+        raise InputError(
+            f"pretension: got {value!r}; allowed: a table with along and across (stress), "
+            "line and normal ([x, y, z])"
+        )
+    bare = 1.0 if bare_si else None
+    try:
+        along = units.parse(value["along"], "pressure", bare=bare)
+        across = units.parse(value.get("across", 0.0), "pressure", bare=bare)
+    except InputError as error:
+        raise InputError(f"pretension: {error}") from None
+    if "line" not in value or "normal" not in value:
+        raise InputError("pretension: line and normal missing; give both as [x, y, z]")
+    line = _unit_vector("pretension line", value["line"])
+    normal = _unit_vector("pretension normal", value["normal"])
+    if abs(sum(a * b for a, b in zip(line, normal, strict=True))) > 1e-3:
+        raise InputError("pretension: line and normal must be at right angles")
+    return Pretension(along, across, line, normal)
+
+
+def _unit_vector(name: str, value: object) -> Vector:
+    try:
+        x, y, z = (float(v) for v in value)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: got {value!r}; allowed: a direction [x, y, z]") from None
+    size = math.sqrt(x * x + y * y + z * z)
+    if not (math.isfinite(size) and size > 0.0):
+        raise InputError(f"{name}: got {value!r}; allowed: a direction that is finite and not 0")
+    return (x / size, y / size, z / size)
+
+
+def _components(directions: Mapping[str, Vector], names: Sequence[str]) -> dict[str, float]:
+    """Components by dotted name; a direction that is left out is (0, 0, 0)."""
+    return {
+        f"{name}.{axis}": value
+        for name in names
+        for axis, value in zip("xyz", directions.get(name, (0.0, 0.0, 0.0)), strict=True)
+    }
 
 
 def _quoted(names: Mapping[str, object] | tuple[str, ...] | list[str]) -> str:
@@ -193,5 +283,6 @@ def _quoted(names: Mapping[str, object] | tuple[str, ...] | list[str]) -> str:
 
 
 def _nearest(name: object, known: Mapping[str, object] | list[str]) -> str:
-    near = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.0)
-    return f"; nearest: {near[0]}; allowed: {', '.join(known)}"
+    near = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.6)
+    hint = f"; nearest: {near[0]}" if near else ""
+    return f"{hint}; allowed: {', '.join(known)}"

@@ -13,7 +13,7 @@ from tledface.device import devices
 
 __all__ = ["report", "text"]
 
-_PACKAGES = ("numpy", "h5py", "trimesh", "pydantic", "matplotlib", "pyopencl", "pyvista", "vtk")
+_PACKAGES = ("numpy", "h5py", "trimesh", "pydantic", "matplotlib", "pyopencl", "vtk")
 _VARIABLES = (
     "TLEDFACE_OPENCL_LIBRARY",
     "TLEDFACE_KERNELS",

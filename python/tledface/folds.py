@@ -1,8 +1,9 @@
 """Folds of a run's surface: measured along the fibres of the muscle that pulls hardest.
 
 Lines run along the mean fibre direction, over the part of the outer surface that lies above the
-contracted muscle (the steps at its ends are its own bulge, not folds); heights are along that surface's mean normal at rest. The line with the median number of
-folds (of several such, the one with the highest) stands for all.
+contracted muscle (the steps at its ends are its own bulge, not folds); heights are along that
+surface's mean normal at rest. The line with the median number of folds (of several such, the one
+with the highest) stands for all.
 """
 
 from __future__ import annotations

@@ -28,9 +28,10 @@ from tledface._model_checks import (
     show,
     vector,
 )
+from tledface._model_conditions import ConditionsMixin
 from tledface.constitutive import Material
 from tledface.errors import InputError
-from tledface.muscle import Muscle
+from tledface.muscle import LAWS, Muscle
 from tledface.surface import HEX_CORNERS, BoundSurface, boundary_surface
 
 __all__ = ["Model", "Where"]
@@ -38,7 +39,7 @@ __all__ = ["Model", "Where"]
 Where = NDArray[np.bool_] | Callable[[Floats], NDArray[np.bool_]]
 
 
-class Model:
+class Model(ConditionsMixin):
     """A voxel model. Make one with `Model.block`, `Model.from_voxels`, a scene, or `Model.load`.
 
     Attributes:
@@ -53,8 +54,9 @@ class Model:
         fractions: (n_elem, n_tissues) float64, rows sum to 1.
         section_ratio: (n_elem,) bending over mean modulus of a layered voxel, or None (blended).
         layer_normal: (n_elem, 3) unit normal of the layers in a voxel, or None.
-        fixed: (n_nodes, 3) bool, components held at zero displacement.
+        fixed: (n_nodes, 3) bool, held components: they keep the displacement they start with.
         muscles: the muscles, in the order they were added.
+        prescribed, body_forces, pressures: what `prescribe`, `body_force`, `pressure` gave.
         report: what the build of a scene found and left out; empty for other models, not saved.
     """
 
@@ -89,6 +91,7 @@ class Model:
         )
         self.fixed: Mask = np.zeros((len(self.nodes), 3), dtype=bool)
         self.muscles: list[Muscle] = []
+        self._init_conditions()
         self.report: dict[str, Any] = {}
         self._gravity = np.zeros(3)
         self._surfaces: dict[str, BoundSurface] | None = (
@@ -270,6 +273,7 @@ class Model:
         lambda_opt: float = 1.0,
         lambda_pas: float = 1.2,
         weight: ArrayLike = 1.0,
+        law: str = "tension_length",
     ) -> Muscle:
         """Add a muscle to some elements; several muscles may share an element.
 
@@ -282,6 +286,9 @@ class Model:
             lambda_opt: Stretch of the greatest active tension, above 0.
             lambda_pas: Stretch where the passive tension becomes linear, at least 1.
             weight: Overlap fraction, 0 to 1: a number, (m,) or (n_elem,).
+            law: ``"tension_length"``, ``"tension_length_printed"`` (the paper's passive law with
+                its jump at ``lambda_pas``) or ``"calcium"`` (activation is the calcium level,
+                ``sigma_act`` its reference stress; no passive tension).
 
         Returns:
             The muscle, also the last of ``muscles``.
@@ -294,7 +301,14 @@ class Model:
         if any(muscle.name == name for muscle in self.muscles):
             raise InputError(f"muscle {name!r}: the model has one already; choose another name")
         mask = self._select(where, self.centres, f"muscle {name!r}: where", "element")
-        sigma_pas = sigma_act if sigma_pas is None else sigma_pas
+        if law not in LAWS:
+            raise InputError(f"muscle {name!r}: law must be one of {', '.join(LAWS)}, got {law!r}")
+        if law == "calcium" and sigma_pas:
+            raise InputError(
+                f"muscle {name!r}: the calcium law has no passive tension; leave sigma_pas out"
+            )
+        if sigma_pas is None:
+            sigma_pas = 0.0 if law == "calcium" else sigma_act
         for key, value, low in (
             ("sigma_act", sigma_act, 0.0),
             ("sigma_pas", sigma_pas, 0.0),
@@ -313,32 +327,18 @@ class Model:
             sigma_pas=float(sigma_pas),
             lambda_opt=float(lambda_opt),
             lambda_pas=float(lambda_pas),
+            law=law,
         )
         self.muscles.append(muscle)
         return muscle
-
-    def fix(self, where: Where, components: str = "xyz") -> None:
-        """Hold nodes at zero displacement; repeated calls add up.
-
-        Args:
-            where: (n_nodes,) bool, or a function of the nodes (n_nodes, 3) that returns it.
-            components: Which components to hold, letters of "xyz".
-
-        Raises:
-            InputError: ``where`` is no such mask or selects nothing, or an unknown component.
-        """
-        if not isinstance(components, str) or not components or set(components) - set("xyz"):
-            raise InputError(f"fix: components must be letters of 'xyz', got {components!r}")
-        mask = self._select(where, self.nodes, "fix: where", "node")
-        for component in set(components):
-            self.fixed[mask, "xyz".index(component)] = True
 
     def element_parameters(self) -> dict[str, Floats]:
         """Return the overlap-averaged parameters that the solver takes.
 
         Returns:
-            ``mu``, ``bulk``, ``bulk_log`` and ``bulk_quadratic`` (the share of ``bulk`` in each
-            volumetric form), ``youngs_modulus`` (all Pa), ``poissons_ratio``, ``density``
+            ``mu``, ``bulk`` (at rest, all laws), ``mu_base`` (the neo-Hookean share of ``mu``),
+            ``bulk_log`` and ``bulk_quadratic`` (the share of ``bulk`` in each volumetric form),
+            ``youngs_modulus`` (all Pa), ``poissons_ratio``, ``density``
             (kg/m3), each (n_elem,); ``bending_modulus`` (n_elem, 3) Pa, for bending that
             stretches along x, y, z.
 
@@ -352,16 +352,17 @@ class Model:
         def mean(values: Sequence[float]) -> Floats:
             return self.fractions @ np.asarray(values, dtype=np.float64)
 
-        mu = mean([m.mu for m in materials])
+        base = [m.mu if m.model == "neo_hookean" else 0.0 for m in materials]
         log = mean([m.bulk if m.volumetric == "log" else 0.0 for m in materials])
         quadratic = mean([m.bulk if m.volumetric == "quadratic" else 0.0 for m in materials])
-        bulk = log + quadratic
+        mu, bulk = mean([m.mu for m in materials]), mean([m.bulk for m in materials])
         youngs_modulus = 9.0 * bulk * mu / (3.0 * bulk + mu)
         bending = np.repeat(youngs_modulus[:, None], 3, axis=1)
         if self.section_ratio is not None and self.layer_normal is not None:
             bending *= 1.0 - self.layer_normal**2 * (1.0 - self.section_ratio[:, None])
         return {
             "mu": mu,
+            "mu_base": mean(base),
             "bulk": bulk,
             "bulk_log": log,
             "bulk_quadratic": quadratic,
@@ -370,6 +371,25 @@ class Model:
             "density": mean([m.density for m in materials]),
             "bending_modulus": bending,
         }
+
+    def law_rows(self) -> list[tuple[str, NDArray[np.int64], Floats]]:
+        """Return the laws besides the neo-Hookean base: name, elements, kernel rows.
+
+        Returns:
+            For each tissue's law and modifier the elements (m,) that hold the tissue and the rows
+            (m, 1 + values): the tissue's fraction as weight, then the law's values.
+        """
+        result = []
+        for column, tissue in enumerate(self.tissue_materials):
+            (elements,) = np.nonzero(self.fractions[:, column] > 0.0)
+            for name, values in tissue.rows():
+                if len(elements) == 0:
+                    continue
+                rows = np.empty((len(elements), 1 + len(values)))
+                rows[:, 0] = self.fractions[elements, column]
+                rows[:, 1:] = values
+                result.append((name, elements.astype(np.int64), rows))
+        return result
 
     def tissue_of(self, element: int) -> str:
         """Return the name of the tissue with the largest fraction in an element."""

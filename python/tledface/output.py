@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -47,15 +48,18 @@ class OutputFolder:
         if not os.access(nearest, os.W_OK):
             raise InputError(f"output {self.path}: {nearest} is not writable; give another folder")
 
-    def begin(self, about: dict[str, Any]) -> None:
-        """Make the folder, remove an earlier run's files, and mark it as a run in progress."""
+    def begin(self, about: dict[str, Any], files: Sequence[str] = ()) -> None:
+        """Make the folder, remove an earlier run's files, and mark it as a run in progress.
+
+        ``files``: names the run may make, so that what it leaves when it is killed is known.
+        """
         self.path.mkdir(parents=True, exist_ok=True)
         for name in (self._earlier or {}).get("files", []):
             file = self.path / str(name)
             if file.parent == self.path:
                 file.unlink(missing_ok=True)
         self._earlier = None
-        self.write({**about, "state": "running", "files": []})
+        self.write({**about, "state": "running", "files": list(files)})
 
     def write(self, about: dict[str, Any]) -> None:
         """Write ``run.json``: what the run is, its state and its files (names in the folder)."""

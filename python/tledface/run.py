@@ -1,10 +1,17 @@
-"""A run of a scene from start to end: model, simulation, frames, surface, picture, figures."""
+"""A run of a scene from start to end: model, simulation, frames, surface, picture, figures.
+
+A run that was killed or stopped goes on from its last checkpoint with `resume_run`, and ends with
+the same state and frames, bit for bit on the same device.
+"""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +22,9 @@ from tledface import device as device_module
 from tledface.errors import InputError, SimulationError
 from tledface.io.surfaces import write_surface
 from tledface.io.vtkhdf import VTKHDFWriter
-from tledface.output import OutputFolder
+from tledface.output import OutputFolder, earlier_run
 from tledface.progress import ProgressBar, spinner
+from tledface.run_checkpoints import MODEL_FILE, RunCheckpoints, any_in, newest_whole, remove_from
 
 if TYPE_CHECKING:
     from tledface.folds import Folds
@@ -24,7 +32,15 @@ if TYPE_CHECKING:
     from tledface.scene import Scene
     from tledface.simulator import Simulator
 
-__all__ = ["RunResult", "load_run", "run_scene", "save_built", "simulator_of"]
+__all__ = [
+    "RunResult",
+    "load_run",
+    "load_scene",
+    "resume_run",
+    "run_scene",
+    "save_built",
+    "simulator_of",
+]
 
 _PROGRESS_TICKS = 100
 
@@ -106,7 +122,8 @@ def run_scene(
 
     The folder gets ``frames.vtkhdf`` (the voxels over time), ``frames_surface.vtkhdf`` (the skin
     over time), ``skin.ply`` (the skin at the end, m), ``wrinkles.png`` and ``run.json``. Nothing
-    is written before model and simulator stand. A run that fails midway keeps its frames.
+    is written before model and simulator stand. A run that fails midway keeps its frames, and its
+    checkpoints (``[output] checkpoint_every``) for `resume_run`.
 
     Arguments: ``device`` as for ``Simulator``; ``force`` replaces an earlier run in ``out_dir``;
     ``model``, the scene's model where it is built already; ``about``, more for ``run.json``.
@@ -121,24 +138,80 @@ def run_scene(
     with spinner("preparing the simulation", quiet=quiet):
         sim = simulator_of(scene, model, opened)
     facts: dict[str, Any] = {**(about or {}), "scene": str(scene.path) if scene.path else None}
-    folder.begin(facts)
+    parts = ["frames.part.vtkhdf", "frames_surface.part.vtkhdf"]
+    folder.begin(facts, files=[*(x.name for x in _files(folder.path, model).values()), *parts])
+    remove_from(folder.path)
+    work = partial(_simulate, scene, sim, folder.path, opened.info.name, quiet=quiet)
+    return _recorded(work, sim, folder, facts)
+
+
+def resume_run(directory: str | Path, *, device: Any = None, quiet: bool = False) -> RunResult:
+    """Go on with a run that was killed or stopped, from its last checkpoint to its end.
+
+    Frames up to the checkpoint stay, later ones are computed again.
+
+    Arguments: ``device``, None for the one the run was on; another one is allowed, with a warning:
+    the end then is not the same bit for bit. A checkpoint that is damaged is a warning, and the
+    one before it is taken.
+    Raises InputError (no run, one that is finished or still going on, no checkpoint, no such
+    device) and SimulationError (a state that is not finite).
+    """
+    about = earlier_run(Path(directory))
+    if about is None:
+        raise InputError(f"resume {directory}: no run; give the folder of `tledface run`")
+    if about.get("state") == "finished":
+        raise InputError(f"resume {directory}: the run is finished; there is nothing to resume")
+    folder = OutputFolder(directory, force=True)
+    opened = None if device is None else device_module.resolve(device)
+    with spinner("restoring the simulation", quiet=quiet):
+        sim, notes = newest_whole(folder.path, opened)
+        scene = load_scene(folder.path / MODEL_FILE)
+    path, surface = _files(folder.path, sim.model)["frames"], _shown_surface(sim.model)
+    writer = VTKHDFWriter.reopen(path, sim.model, surface, keep=notes["frames"])
+    said = {key: value for key, value in about.items() if key not in ("tledface", "error")}
+    facts = {key: value for key, value in said.items() if key not in ("state", "files")}
+    folder.write({**said, "state": "running"})
+    name = sim._device.info.name
+    work = partial(_simulate, scene, sim, folder.path, name, quiet=quiet, went_on=(writer, notes))
+    return _recorded(work, sim, folder, facts)
+
+
+def _recorded(
+    work: Callable[[], RunResult], sim: Simulator, folder: OutputFolder, facts: dict[str, Any]
+) -> RunResult:
+    """Do the run, and say in ``run.json`` how it ended."""
     try:
-        result = _simulate(scene, model, sim, folder.path, opened.info.name, quiet=quiet)
+        result = work()
     except BaseException as error:
         state = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
         line = str(error).splitlines()[0] if str(error) else type(error).__name__
         kept = sorted(path.name for path in folder.path.glob("frames*.vtkhdf"))
-        folder.write({**facts, "state": state, "error": line, "files": kept})
+        # On a full disk the record stays as it was, and the first error is the one to tell.
+        with suppress(OSError):
+            folder.write({**facts, "state": state, "error": line, "files": kept})
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(_interrupted(sim, folder.path, kept)) from error
         if isinstance(error, SimulationError) and kept:
             raise SimulationError(f"{line}; the frames until then are in {folder.path}") from error
         raise
     names = [path.name for path in result.files.values()]
     folder.write({**facts, "state": "finished", "files": names, "result": result.to_dict()})
+    remove_from(folder.path)
     return result
 
 
+def _interrupted(sim: Simulator, folder: Path, kept: list[str]) -> str:
+    """The line that says where an interrupted run stands and how it goes on."""
+    go_on = f"`tledface resume {folder}` goes on" if any_in(folder) else "there is no checkpoint"
+    frames = f"frames are in {folder}" if kept else f"no frames in {folder}"
+    return f"interrupted at t = {sim.time:.6g} s; {frames}; {go_on}"
+
+
 def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
-    """A simulator with the scene's solver settings and muscle activations."""
+    """A simulator with the scene's solver settings and muscle activations.
+
+    Raises InputError: a setting the simulator refuses, or a duration shorter than one step.
+    """
     from tledface.simulator import Simulator
 
     solver = scene.solver
@@ -158,6 +231,11 @@ def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
         )
     except InputError as error:
         raise InputError(f"{scene.path or 'scene'}: solver: {error}") from None
+    if solver.duration < sim.dt * (1 - 1e-9):
+        raise InputError(
+            f"{scene.path or 'scene'}: solver.duration: got {solver.duration:.3g} s, shorter than "
+            f"one step of {sim.dt:.3g} s; take a longer one"
+        )
     for muscle in scene.muscles:
         sim.activate(muscle.name, muscle.activation)
     return sim
@@ -182,14 +260,20 @@ def load_run(path: str | Path) -> tuple[Scene, Model]:
 
     Raises InputError: not a model file, or one that holds no scene (saved from Python).
     """
+    from tledface.model import Model
+
+    model = Model.load(path)
+    return load_scene(path), model
+
+
+def load_scene(path: str | Path) -> Scene:
+    """The scene in a model file written by ``save_built``; raises InputError if it holds none."""
     import json
 
     import h5py
 
-    from tledface.model import Model
     from tledface.scene import Scene
 
-    model = Model.load(path)
     with h5py.File(path, "r") as file:
         if "scene" not in file:
             raise InputError(
@@ -197,31 +281,58 @@ def load_run(path: str | Path) -> tuple[Scene, Model]:
                 "run the scene file, or the model from Python with tledface.Simulator"
             )
         tables = json.loads(file["scene"].asstr()[()])
-    return Scene.from_dict(tables, check_files=False), model
+    return Scene.from_dict(tables, check_files=False)
 
 
 def _simulate(
-    scene: Scene, model: Model, sim: Simulator, folder: Path, device: str, *, quiet: bool
+    scene: Scene,
+    sim: Simulator,
+    folder: Path,
+    device: str,
+    *,
+    quiet: bool,
+    went_on: tuple[VTKHDFWriter, dict[str, Any]] | None = None,
 ) -> RunResult:
-    duration, fps = scene.solver.duration, scene.output.fps
-    surface = "skin" if "skin" in model.surfaces else next(iter(model.surfaces))
-    dt_crit = sim.dt_crit
-    started = time.perf_counter()
-    with (
-        VTKHDFWriter(folder / "frames.vtkhdf", model, surface=surface) as writer,
-        ProgressBar("simulating", duration, quiet=quiet) as bar,
-    ):
-        frames = _Frames(writer, fps)
-        frames.take(sim)
+    """Simulate to the end, from the start or from a checkpoint (frames reopened, its notes)."""
+    duration, fps, every = scene.solver.duration, scene.output.fps, scene.output.checkpoint_every
+    model = sim.model
+    surface = _shown_surface(model)
+    checkpoints = RunCheckpoints(folder, scene, model, every)
+    if went_on is None:
+        # One at the start and one at each 1/fps; one more at the end where that falls between.
+        n_frames = math.ceil(duration * fps - 1e-9) + 1
+        path = _files(folder, model)["frames"]
+        writer = VTKHDFWriter(path, model, surface, frames=n_frames)
+        notes: dict[str, Any] = {"frames": 0, "last_time": -1.0, "wall": 0.0}
+        notes["dt_crit"] = sim.dt_crit
+    else:
+        writer, notes = went_on
+        checkpoints.wait(sim)
+    started = time.perf_counter() - notes["wall"]
+    with writer, ProgressBar("simulating", duration, quiet=quiet) as bar:
+        frames = _Frames(writer, fps, notes["frames"], notes["last_time"])
+
+        def take_checkpoint(sim: Simulator) -> None:
+            now = {
+                "frames": frames.count,
+                "last_time": frames.last_time,
+                "wall": time.perf_counter() - started,
+            }
+            checkpoints.take(sim, writer, {**notes, **now})
 
         def on_tick(sim: Simulator) -> None:
             bar.update(sim.time, f"t = {sim.time * 1e3:.2f} ms")
             if frames.due(sim.time + 0.51 * sim.dt):
                 frames.take(sim)
+            if checkpoints.due(sim):
+                take_checkpoint(sim)
 
-        # Ticks fall on every frame, and often enough between them for the bar to move.
-        ticks = fps * max(1, round(_PROGRESS_TICKS / (fps * duration)))
-        sim.run(until=duration, on_frame=on_tick, fps=ticks)
+        on_tick(sim)
+        # Ticks fall on every frame, and often enough between them for checkpoints and the bar.
+        per_frame = max(1, round(_PROGRESS_TICKS / (fps * duration)))
+        if isinstance(every, float):
+            per_frame = max(per_frame, math.ceil(1.0 / (fps * every)))
+        sim.run(until=duration, on_frame=on_tick, fps=fps * per_frame)
         if frames.last_time < sim.time:
             frames.take(sim)
         bar.update(duration)
@@ -237,7 +348,7 @@ def _simulate(
         n_nodes=model.n_nodes,
         steps=sim.n_steps,
         dt=sim.time / sim.n_steps,
-        dt_crit=dt_crit,
+        dt_crit=notes["dt_crit"],
         simulated=sim.time,
         wall=wall,
         frames=frames.count,
@@ -249,10 +360,9 @@ def _simulate(
 class _Frames:
     """Frames at equal times, the first at the start."""
 
-    def __init__(self, writer: VTKHDFWriter, fps: float) -> None:
+    def __init__(self, writer: VTKHDFWriter, fps: float, count: int, last_time: float) -> None:
         self._writer, self._fps = writer, fps
-        self.count = 0
-        self.last_time = -1.0
+        self.count, self.last_time = count, last_time
 
     def due(self, now: float) -> bool:
         return now >= self.count / self._fps
@@ -261,6 +371,19 @@ class _Frames:
         self._writer.append(sim.time, sim.u)
         self.count += 1
         self.last_time = sim.time
+
+
+def _shown_surface(model: Model) -> str:
+    return "skin" if "skin" in model.surfaces else next(iter(model.surfaces))
+
+
+def _files(folder: Path, model: Model) -> dict[str, Path]:
+    return {
+        "frames": folder / "frames.vtkhdf",
+        "surface frames": folder / "frames_surface.vtkhdf",
+        "surface": folder / f"{_shown_surface(model)}.ply",
+        "picture": folder / "wrinkles.png",
+    }
 
 
 def _write_results(
@@ -275,12 +398,7 @@ def _write_results(
 
     bound = model.surfaces[surface]
     moved = bound.displaced(u)
-    files = {
-        "frames": folder / "frames.vtkhdf",
-        "surface frames": folder / "frames_surface.vtkhdf",
-        "surface": folder / f"{surface}.ply",
-        "picture": folder / "wrinkles.png",
-    }
+    files = _files(folder, model)
     write_surface(files["surface"], moved, bound.faces)
     view: dict[str, Any] = {}
     if folds is not None:

@@ -6,8 +6,11 @@ keeps the time step below its bound and gives arrays back.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,27 +18,31 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface import device as device_module
+from tledface._core_model import check_number, checked_field, core_model
+from tledface._results import Results
+from tledface._serial import serial
+from tledface.conditions import Sampler, Values, prescribed_mask
+from tledface.energy import EnergyLedger, energy_interval
 from tledface.errors import InputError, SimulationError
+from tledface.relaxation import Equilibrium, relax
 from tledface.schedule import Constant, Schedule, as_schedule
+from tledface.time_step import (
+    RELIEFS,
+    AddedMass,
+    StepWatch,
+    added_mass,
+    checked_scaling,
+    scaled_density,
+    scaling_options,
+)
 
 if TYPE_CHECKING:
-    import trimesh
-
     from tledface.model import Model
 
 __all__ = ["Simulator"]
 
-# Share of the bound that dt="auto" takes. The bound is below the true limit already; the rest is
-# for what the fibres and the strain do to the stiffness until the next check.
-_SAFETY = 0.9
-# Steps between two looks at the state (finite? the bound for the strain of now?): few at first and
-# while the bound is falling, then more. A look costs as much as some 20 steps.
-_FIRST_CHECK, _LAST_CHECK = 32, 512
-# The bound is falling when a look finds it lower than this share of the one before.
-_FALLING = 0.98
 
-
-class Simulator:
+class Simulator(Results):
     """Explicit total Lagrangian simulation of a model.
 
     Args:
@@ -47,8 +54,13 @@ class Simulator:
         hourglass: ``"physical"`` (bending and twisting stiffness of elasticity, nothing to tune)
             or ``"joldes"`` (kappa form, Joldes, Wittek & Miller 2008).
         hourglass_kappa: kappa of the ``"joldes"`` form.
-        dt: Time step in s, or ``"auto"``: 0.9 of the bound, lowered when strain lowers the bound.
-        mass_scaling: Factor on every density, at least 1; None is 1.
+        dt: Time step in s, or ``"auto"``: 0.8 of the estimated limit, lowered when strain or
+            activation lowers the limit.
+        mass_scaling: Factor on every density, at least 1; or ``{"dt": seconds}``, which makes only
+            those elements heavier that do not allow this step; None is neither. `added_mass` says
+            what it added; weight stays that of the true mass.
+        energy_every: Enter the energies in the ledger every so many steps, see `energies`; None
+            keeps none. An entry costs as much as some 50 steps.
         kernels: ``"rows"`` (fused vector rows, CPUs), ``"gather"`` (an element a work-item, GPUs)
             or ``"auto"``.
 
@@ -66,32 +78,65 @@ class Simulator:
         hourglass: str = "physical",
         hourglass_kappa: float = 0.075,
         dt: float | str = "auto",
-        mass_scaling: float | None = None,
+        mass_scaling: float | Mapping[str, float] | None = None,
+        energy_every: int | None = None,
         kernels: str = "auto",
     ) -> None:
         """See the class."""
-        _check_number("damping", damping, least=0.0, unit="1/s")
-        _check_number("hourglass_kappa", hourglass_kappa, least=0.0, unit="no unit")
-        scaling = 1.0 if mass_scaling is None else mass_scaling
-        _check_number("mass_scaling", scaling, least=1.0, unit="a factor")
+        check_number("damping", damping, least=0.0, unit="1/s")
+        check_number("hourglass_kappa", hourglass_kappa, least=0.0, unit="no unit")
+        if not isinstance(dt, str):
+            check_number("dt", dt, least=0.0, unit="s", exclusive=True)
+        scaling = checked_scaling(mass_scaling)
         self.model = model
+        self._options: dict[str, Any] = {
+            "precision": precision,
+            "damping": float(damping),
+            "hourglass": hourglass,
+            "hourglass_kappa": float(hourglass_kappa),
+            "dt": dt if isinstance(dt, str) else float(dt),
+            **scaling_options(scaling),
+            "kernels": kernels,
+        }
+        self._energy_every = energy_interval(energy_every)
+        if self._energy_every is not None:
+            self._options["energy_every"] = self._energy_every
         self._device = device_module.resolve(device)
-        self._mass_scaling = scaling
-        self._core = _core.Simulator(
-            self._device,
-            _core_model(model),
-            precision=precision,
-            hourglass=hourglass,
-            kappa=hourglass_kappa,
-            damping=damping,
-            mass_scaling=scaling,
-            kernels=kernels,
-        )
+        density = model.element_parameters()["density"]
         self._schedules: list[Schedule] = [Constant(0.0) for _ in model.muscles]
-        self._rest_bound, _, self._critical_element = self._core.bound_at_rest()
-        self._auto_dt = dt == "auto"
-        self._core.dt = self._first_dt(dt)
-        self._restart_checks()
+        for relief in RELIEFS if isinstance(scaling, dict) else (1.0,):
+            scaled = scaled_density(core_model(model), density, scaling, relief)
+            # Weight must not grow with the mass: it goes in as a force where masses are changed.
+            heavier = bool((scaled > density).any() and model.gravity.any())
+            self._conditions = Sampler(model, weight_density=density if heavier else None)
+            core = _core.Simulator(
+                self._device,
+                core_model(model, density=scaled, weightless=heavier),
+                precision=precision,
+                hourglass=hourglass,
+                kappa=hourglass_kappa,
+                damping=damping,
+                mass_scaling=1.0,
+                kernels=kernels,
+                conditions=self._conditions.core,
+            )
+            self._core = serial(core)
+            factor = None if isinstance(scaling, dict) else scaling or 1.0
+            try:
+                self._watch = StepWatch(self._core, self._name_of, dt, factor, len(model.muscles))
+            except InputError:
+                if isinstance(scaling, dict) and relief < RELIEFS[-1]:
+                    continue
+                raise
+            if not isinstance(scaling, dict) or self._watch.auto_dt >= scaling["dt"]:
+                break
+        self._added_mass = added_mass(density, scaled, float(np.prod(model.voxel)))
+        # What the device's state answers to: nothing before the first step or relaxation.
+        self._applied = self._values_of_rest()
+        self._start_prescribed()
+        self._energies: dict[str, float] | None = None
+        self._ledger = None if self._energy_every is None else self._make_ledger(scaled)
+        self._until_entry = 0
 
     def __repr__(self) -> str:
         """Say what runs where."""
@@ -123,13 +168,25 @@ class Simulator:
         if not (isinstance(n, (int, np.integer)) and n >= 0):
             raise InputError(f"step: got {n!r}; allowed: a whole number of steps, 0 or more")
         left = int(n)
+        watch = self._watch
         while left > 0:
-            batch = min(left, self._until_check)
-            self._core.step(batch, self._sampled(batch))
-            left -= batch
-            self._until_check -= batch
-            if self._until_check == 0:
-                self._check_state()
+            batch = min(left, watch.until_check)
+            if self._ledger is not None:
+                if self._until_entry == 0:
+                    self._enter_energies(self._ledger)
+                batch = min(batch, self._until_entry)
+            activations = self._sampled(np.arange(batch))
+            allowed = watch.admitted(activations)
+            if allowed > 0:
+                self._step(allowed, activations[:allowed])
+                left -= allowed
+                self._until_entry -= allowed
+                watch.until_check -= allowed
+            if allowed < batch or watch.until_check == 0:
+                self._require_finite()
+                watch.look(self._sampled, early=allowed < batch)
+        if self._ledger is not None and self._until_entry == 0:
+            self._enter_energies(self._ledger)
 
     def run(
         self,
@@ -155,16 +212,59 @@ class Simulator:
         frame = 0 if fps is None else math.floor(self.time * fps + 1e-9) + 1
         while (left := round((until - self.time) / self.dt)) > 0:
             if on_frame is None or fps is None:
-                self.step(min(left, self._until_check))
+                self.step(min(left, self._watch.until_check))
                 continue
             # A check may change dt, so a frame is approached at most one check at a time.
             to_frame = round((frame / fps - self.time) / self.dt)
-            self.step(max(0, min(left, to_frame, self._until_check)))
+            self.step(max(0, min(left, to_frame, self._watch.until_check)))
             if round((frame / fps - self.time) / self.dt) <= 0:
                 self._require_finite()
                 on_frame(self)
                 frame = max(frame + 1, math.floor(self.time * fps + 0.5))
         self._require_finite()
+
+    def relax(self, tolerance: float = 1e-4, max_steps: int = 50_000) -> Equilibrium:
+        """Find the equilibrium at the activations and conditions of now; time stands still.
+
+        Dynamic relaxation: pseudo-steps with masses that let every node move at its own limit,
+        damped critically for the lowest frequency at work. Activations, loads and prescribed
+        values go from what acted before to those of now over the first steps. Afterwards the body
+        is at rest.
+
+        Args:
+            tolerance: Stop when the residual and the displacement still to come are both below
+                this share, see `Equilibrium`. ``precision="single"`` cannot go much below 1e-4.
+            max_steps: Give up after so many pseudo-steps; the state reached is kept.
+
+        Returns:
+            `Equilibrium`: converged, residual, steps and more. It says so when it gave up.
+
+        Raises:
+            InputError: ``tolerance`` or ``max_steps`` out of range.
+            SimulationError: the state is no longer finite.
+        """
+        check_number("tolerance", tolerance, least=0.0, unit="no unit", exclusive=True)
+        if not (isinstance(max_steps, (int, np.integer)) and max_steps >= 1):
+            raise InputError(f"max_steps: got {max_steps!r}; allowed: a whole number, 1 or more")
+        target = self._values_now()
+        start = self._applied
+        if start.fields.shape != target.fields.shape:
+            start = replace(start, fields=target.fields)
+        prescribed = prescribed_mask(self.model)
+        info = relax(
+            self._core,
+            held=self.model.fixed | prescribed,
+            prescribed=prescribed,
+            edge=float(self.model.voxel.min()),
+            start=start,
+            target=target,
+            tolerance=float(tolerance),
+            max_steps=int(max_steps),
+        )
+        self._applied = target
+        self._restart()
+        self._require_finite()
+        return info
 
     # -- state -----------------------------------------------------------------------------------
 
@@ -185,32 +285,43 @@ class Simulator:
 
     @property
     def dt_crit(self) -> float:
-        """Bound of the time step for the deformation of now, s.
+        """Estimate of the limit of the time step for the state of now, s.
 
-        Per node, from the largest eigenvalue of its elements (lambda + 2 mu, fibre stiffness,
-        strain), weighted by mass; below the true limit. 0 when an element is inverted.
+        The largest frequency of the assembled operator by a Lanczos iteration, with a margin: a
+        few percent below the true limit; never below the bound of the stiffest node, which is
+        all there is while an element is inverted (0 then).
         """
-        return float(self._core.bound_now()[0])
+        return float(self._core.measured_limit(self._activations_now())[0])
+
+    @property
+    def added_mass(self) -> AddedMass:
+        """What mass scaling added: kg, share of the true mass, elements."""
+        return self._added_mass
 
     @property
     def dt_crit_tissue(self) -> str:
         """The tissue, or muscle, whose element sets the bound at rest."""
-        return self._name_of(self._critical_element)
+        return self._name_of(self._watch.critical)
 
     @property
-    def u(self) -> NDArray[np.float64]:
-        """Displacement, (n_nodes, 3) m, copied on access."""
-        return np.asarray(self._core.displacement())
+    def energies(self) -> dict[str, float]:
+        """The ledger's last entry, J: at most ``energy_every`` steps old.
 
-    @property
-    def velocity(self) -> NDArray[np.float64]:
-        """Velocity half a step ago, (n_nodes, 3) m/s."""
-        return np.asarray(self._core.velocity())
+        ``kinetic``, ``strain`` (without muscles) and ``hourglass`` are what the body holds;
+        ``muscle_work`` (active and passive tension), ``external`` (loads, gravity, supports that
+        move) what was done on it since the ledger began, ``damping`` what was lost. ``error`` =
+        change of what it holds - external - muscle_work + damping. The ledger begins anew with
+        `set_state` and `relax`.
 
-    @property
-    def mass(self) -> NDArray[np.float64]:
-        """Lumped nodal mass, (n_nodes,) kg, mass scaling included."""
-        return np.asarray(self._core.node_masses())
+        Raises:
+            InputError: there is no ledger.
+        """
+        if self._ledger is None:
+            raise InputError("energies: no ledger is kept; take Simulator(..., energy_every=100)")
+        if self._energies is None:
+            self._enter_energies(self._ledger)
+        assert self._energies is not None
+        return dict(self._energies)
 
     @property
     def device_bytes(self) -> int:
@@ -226,142 +337,161 @@ class Simulator:
             InputError: wrong shape or values that are not finite.
         """
         shape = (self.model.n_nodes, 3)
-        given = _checked_field("u", u, shape)
-        speed = np.empty(0) if velocity is None else _checked_field("velocity", velocity, shape)
+        given = checked_field("u", u, shape)
+        speed = np.empty(0) if velocity is None else checked_field("velocity", velocity, shape)
         self._core.set_state(given, speed, time)
-        self._restart_checks()
+        self._start_prescribed()
+        self._applied = self._values_now()
+        self._restart()
 
-    def array(self, name: str) -> Any:
-        """Share the device's own array: ``"u"``, (n_blocks + 1, 3, lanes), in solver order.
+    def checkpoint(self, path: str | Path) -> None:
+        """Write model, options, schedules and state to an HDF5 file, for `restore`.
 
-        On the native device a NumPy view, on OpenCL a ``pyopencl.array.Array`` over the same
-        buffer. It is the displacement of now until the next step. `node_slots` tells where each
-        node is; axis ``a`` of the solver is axis ``axis_order[a]`` of the model.
-
-        Raises:
-            InputError: unknown name, or pyopencl is missing.
-        """
-        if name != "u":
-            raise InputError(f"array: got {name!r}; allowed: 'u'")
-        self._core.finish()
-        shape = (self._core.n_blocks + 1, 3, self._core.lanes)
-        dtype = np.dtype(np.float32 if self._core.single else np.float64)
-        if self._core.buffer_handle:
-            queue = device_module.pyopencl_queue(self._device)
-            import pyopencl
-            from pyopencl import array
-
-            buffer = pyopencl.Buffer.from_int_ptr(self._core.buffer_handle, retain=True)
-            return array.Array(queue, shape, dtype, data=buffer)
-        count = math.prod(shape)
-        memory = _HostMemory(self._core.buffer_address, count * dtype.itemsize, self._core)
-        return np.asarray(memory).view(dtype).reshape(shape)
-
-    @property
-    def node_slots(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """(block, lane) of each node in ``array("u")``, each (n_nodes,)."""
-        slots = np.asarray(self._core.node_slots())
-        return slots // self._core.lanes, slots % self._core.lanes
-
-    @property
-    def axis_order(self) -> tuple[int, int, int]:
-        """Model axis of each solver axis."""
-        a, b, c = self._core.axis_order
-        return a, b, c
-
-    def surface(self, name: str) -> trimesh.Trimesh:
-        """A bound surface in its deformed place, m.
+        A callable activation is named in the file, not stored. The model must be the one that was
+        simulated: leave it alone after making the simulator.
 
         Raises:
-            InputError: no surface of that name.
+            InputError: no such folder, or it is not writable.
+            OSError: the disk is full; an earlier file of that name stays whole.
+
+        Example: ``sim.checkpoint("c.h5"); sim = tf.Simulator.restore("c.h5")``.
         """
-        import trimesh
+        from tledface import checkpoint
 
-        if name not in self.model.surfaces:
-            known = ", ".join(self.model.surfaces) or "none"
-            raise InputError(f"surface: got {name!r}; this model has: {known}")
-        bound = self.model.surfaces[name]
-        return trimesh.Trimesh(bound.displaced(self.u), bound.faces, process=False)
+        checkpoint.save(self, path)
 
-    def deformation_gradient(self) -> NDArray[np.float64]:
-        """F at every element's centre, (n_elem, 3, 3)."""
-        state = self._core.element_state(self._sampled(1)[0])
-        return np.asarray(state["deformation_gradient"]).reshape(-1, 3, 3)
+    @classmethod
+    def restore(
+        cls,
+        path: str | Path,
+        *,
+        device: Any = None,
+        activations: Mapping[str, float | Callable[[float], float]] | None = None,
+    ) -> Simulator:
+        """Go on from a `checkpoint`: bit for bit on the same device.
 
-    def stress(self) -> NDArray[np.float64]:
-        """Cauchy stress at every element's centre, muscles included, (n_elem, 6) Pa.
+        Args:
+            path: The file.
+            device: As for the class; None is the device the checkpoint was made on. Another one
+                is allowed, with a warning: the same solution, not the same bits.
+            activations: Activations by muscle, in place of those in the file; needed for
+                callables, which no file can hold.
 
-        Components xx, yy, zz, xy, yz, xz.
+        Raises:
+            InputError: not a checkpoint, damaged, a callable that is not given again, no such
+                device.
         """
-        return np.asarray(self._core.element_state(self._sampled(1)[0])["stress"])
+        from tledface import checkpoint
 
-    def strain_energy(self) -> NDArray[np.float64]:
-        """Strain energy density of every element without muscles and hourglass, (n_elem,) J/m3."""
-        return np.asarray(self._core.element_state(self._sampled(1)[0])["energy_density"])
-
-    def hourglass_energy(self) -> NDArray[np.float64]:
-        """Hourglass energy density of every element, (n_elem,) J/m3."""
-        return np.asarray(self._core.element_state(self._sampled(1)[0])["hourglass_density"])
-
-    def internal_force(self) -> NDArray[np.float64]:
-        """Force of the elements on their nodes, with the device's kernels, (n_nodes, 3) N.
-
-        The sign is that of ``f_int``: a node accelerates by ``-f_int / mass``.
-        """
-        return np.asarray(self._core.internal_force(self._sampled(1)[0]))
+        return checkpoint.restore(path, device=device, activations=activations)
 
     # -- inside ----------------------------------------------------------------------------------
 
-    def _first_dt(self, dt: float | str) -> float:
-        if isinstance(dt, str):
-            if dt != "auto":
-                raise InputError(f"dt: got {dt!r}; allowed: 'auto' or seconds")
-            if not math.isfinite(self._rest_bound):
-                raise InputError("dt: every node is fixed, nothing can move; free some nodes")
-            return _SAFETY * self._rest_bound
-        _check_number("dt", dt, least=0.0, unit="s", exclusive=True)
-        if dt > self._rest_bound:
-            raise InputError(
-                f"dt: got {dt:.3g} s, above the stable bound {self._rest_bound:.3g} s set by "
-                f"{self.dt_crit_tissue}; take a smaller step, 'auto', or mass_scaling = "
-                f"{self._mass_scaling * (dt / self._rest_bound) ** 2:.2g}"
+    def _step(self, n: int, activations: NDArray[np.float64]) -> None:
+        channels, keys = np.empty((n, 0)), np.empty(0)
+        sampler = self._conditions
+        if not sampler.is_empty:
+            times = [self._core.time_after(step) for step in range(n + 1)]
+            channels = np.array(
+                [
+                    np.concatenate([sampler.loads(start), sampler.scalars(end)])
+                    for start, end in itertools.pairwise(times)
+                ]
             )
-        return float(dt)
+            if sampler.has_fields:
+                span = range(self._core.first_key(), self._core.last_key(n) + 1)
+                keys = np.concatenate([sampler.fields(self._core.key_time(k)) for k in span])
+        self._core.step(n, activations, channels, keys)
+        # Fields are sampled again when they are asked for.
+        self._applied = Values(activations[-1], channels[-1], np.empty(0))
 
-    def _sampled(self, n: int) -> NDArray[np.float64]:
-        times = self.time + self.dt * np.arange(n)
-        table = np.empty((n, len(self._schedules)))
+    def _restart(self) -> None:
+        self._watch.restart()
+        self._energies, self._until_entry = None, 0
+        if self._ledger is not None:
+            self._ledger.restart()
+
+    def _make_ledger(self, density: NDArray[np.float64]) -> EnergyLedger:
+        model, native = self.model, device_module.resolve("native")
+
+        def host(*, muscles: bool) -> _core.Simulator:
+            core = _core.Simulator(
+                native,
+                core_model(model, density=density, weightless=True, muscles=muscles),
+                precision="double",
+                hourglass=self._options["hourglass"],
+                kappa=self._options["hourglass_kappa"],
+                damping=0.0,
+                mass_scaling=1.0,
+            )
+            core.dt = self._core.dt
+            return core
+
+        return EnergyLedger(
+            self._core,
+            host(muscles=True),
+            host(muscles=False) if model.muscles else None,
+            past=bool(model.law_rows()),
+            damping=self._options["damping"],
+            held=model.fixed | prescribed_mask(model),
+            name_of=self._name_of,
+            volume=float(np.prod(model.voxel)),
+        )
+
+    def _enter_energies(self, ledger: EnergyLedger) -> None:
+        sampler, model = self._conditions, self.model
+        next_u = np.zeros((model.n_nodes, 3))
+        sampler.put_prescribed(next_u, self._core)
+        self._energies = ledger.enter(self._values_now(), next_u)
+        self._until_entry = self._energy_every or 0
+
+    def _values_now(self) -> Values:
+        sampler, now = self._conditions, self.time
+        return Values(
+            self._activations_now(),
+            np.concatenate([sampler.loads(now), sampler.scalars(now)]),
+            sampler.fields(now),
+        )
+
+    def _values_of_rest(self) -> Values:
+        now = self._values_now()
+        return Values(
+            np.zeros_like(now.activations),
+            np.zeros_like(now.channels),
+            np.zeros_like(now.fields),
+        )
+
+    def _start_prescribed(self) -> None:
+        sampler = self._conditions
+        if sampler.prescribes:
+            self._core.set_prescribed(sampler.scalars(self.time), sampler.fields(self.time))
+
+    def _sampled(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Activations at the starts of later steps, (n,) -> (n, n_muscles)."""
+        times = np.array([self._core.time_after(step) for step in steps.tolist()])
+        table = np.empty((len(times), len(self._schedules)))
         for column, schedule in enumerate(self._schedules):
-            table[:, column] = schedule.sample(times)
+            muscle = self.model.muscles[column]
+            table[:, column] = muscle.active_share(schedule.sample(times))
         return table
 
-    def _restart_checks(self) -> None:
-        self._check_interval = self._until_check = _FIRST_CHECK
-        self._last_bound, self._stiffest = self._rest_bound, self._critical_element
-
-    def _check_state(self) -> None:
-        self._require_finite()
-        bound, _, stiffest = self._core.bound_now()
-        falling = bound < _FALLING * self._last_bound
-        self._check_interval = (
-            max(_FIRST_CHECK, self._check_interval // 2)
-            if falling
-            else min(_LAST_CHECK, 2 * self._check_interval)
-        )
-        self._until_check = self._check_interval
-        self._last_bound, self._stiffest = bound, stiffest
-        if self._auto_dt and 0.0 < bound < _FALLING * self.dt / _SAFETY:
-            self._core.dt = _SAFETY * bound
+    def _activations_now(self) -> NDArray[np.float64]:
+        return np.asarray(self._sampled(np.zeros(1, dtype=np.int64))[0])
 
     def _require_finite(self) -> None:
         if self._core.first_non_finite_node() < 0:
             return
-        # By now everything may be NaN; what went first is what was stiffest at the last look.
+        lost = np.flatnonzero(~np.isfinite(self.u).all(axis=1))
+        # While few nodes are lost, one of them tells where it began; once the loss has spread, what
+        # was stiffest at the last look does.
+        element = self._watch.stiffest
+        if len(lost) < max(8, self.model.n_nodes // 100):
+            element = int(np.flatnonzero((self.model.elements == lost[0]).any(axis=1))[0])
         raise SimulationError(
-            f"the state is no longer finite: step {self.n_steps}, t = {self.time:.6g} s, near "
-            f"element {self._stiffest} ({self._name_of(self._stiffest)}), dt = {self.dt:.3g} s, "
-            f"dt_crit at the last check = {self._last_bound:.3g} s; take a smaller dt, lower the "
-            "activation or raise the damping"
+            f"the state is no longer finite: seen at step {self.n_steps}, t = {self.time:.6g} s, "
+            f"near element {element} ({self._name_of(element)}), dt = {self.dt:.3g} s, "
+            f"dt_crit at the last check = {self._watch.last_bound:.3g} s; take a smaller dt, lower "
+            "the activation or raise the damping"
         )
 
     def _name_of(self, element: int) -> str:
@@ -369,66 +499,3 @@ class Simulator:
             if element in muscle.elements:
                 return muscle.name
         return self.model.tissue_of(element)
-
-
-class _HostMemory:
-    """Memory of a simulator as a buffer that keeps the simulator alive."""
-
-    def __init__(self, address: int, n_bytes: int, owner: object) -> None:
-        self._owner = owner
-        self.__array_interface__ = {
-            "data": (address, False),
-            "shape": (n_bytes,),
-            "typestr": "|u1",
-            "version": 3,
-        }
-
-
-def _core_model(model: Model) -> _core.VoxelModel:
-    parameters = model.element_parameters()
-    gx, gy, gz = (float(g) for g in model.gravity)
-    hx, hy, hz = (float(h) for h in model.voxel)
-    core = _core.VoxelModel(
-        voxel=(hx, hy, hz),
-        cells=model.cells,
-        node_ijk=model.node_ijk,
-        mu=parameters["mu"],
-        bulk_log=parameters["bulk_log"],
-        bulk_quadratic=parameters["bulk_quadratic"],
-        density=parameters["density"],
-        bending_modulus=parameters["bending_modulus"],
-        fixed=model.fixed.astype(np.uint8),
-        gravity=(gx, gy, gz),
-    )
-    for muscle in model.muscles:
-        core.add_muscle(
-            name=muscle.name,
-            elements=muscle.elements,
-            fibre=muscle.fibre,
-            weight=muscle.weight,
-            sigma_act=muscle.sigma_act,
-            sigma_pas=muscle.sigma_pas,
-            lambda_opt=muscle.lambda_opt,
-            lambda_pas=muscle.lambda_pas,
-        )
-    return core
-
-
-def _check_number(
-    name: str, value: float, *, least: float, unit: str, exclusive: bool = False
-) -> None:
-    good = isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
-    if not good or value < least or (exclusive and value == least):
-        bound = f"above {least:g}" if exclusive else f"{least:g} or more"
-        raise InputError(f"{name}: got {value!r}; allowed: a number {bound} ({unit})")
-
-
-def _checked_field(
-    name: str, values: ArrayLike, shape: tuple[int, int]
-) -> NDArray[np.float64]:
-    field = np.asarray(values, dtype=np.float64)
-    if field.shape != shape or not np.isfinite(field).all():
-        raise InputError(
-            f"{name}: got shape {field.shape}; allowed: finite values of shape {shape}"
-        )
-    return field

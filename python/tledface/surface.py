@@ -155,6 +155,26 @@ def boundary_surface(model: Model) -> BoundSurface:
     Each exposed voxel face gives two triangles; vertices are the model's nodes, shared between
     the faces that meet there.
     """
+    codes = _boundary_codes(model)
+    nodes = model.elements.reshape(-1)[codes]
+    used, first, inverse = np.unique(nodes, return_index=True, return_inverse=True)
+    code = codes.reshape(-1)[first]
+    quad = inverse.reshape(-1, 4)
+    faces = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
+    element, local = code // 8, HEX_CORNERS[code % 8].astype(np.float64)
+    return BoundSurface(model.nodes[used], faces, element, local, model.elements[element])
+
+
+def boundary_faces(model: Model) -> NDArray[np.int32]:
+    """Return the exposed voxel faces, (n, 4) node indices, counter-clockwise from outside."""
+    return np.ascontiguousarray(model.elements.reshape(-1)[_boundary_codes(model)])
+
+
+def _boundary_codes(model: Model) -> NDArray[np.int64]:
+    """Corners of the exposed voxel faces, (n, 4), as codes element * 8 + corner.
+
+    Codes rather than nodes, so that a vertex knows an element that carries it.
+    """
     cells = model.cells.astype(np.int64)
     extent = cells.max(axis=0) + 3
     key = _pack(cells + 1, extent)
@@ -166,15 +186,7 @@ def boundary_surface(model: Model) -> BoundSurface:
         owner = np.flatnonzero(occupied[slot] != neighbour)
         quads.append(np.stack([owner * 8 + corner for corner in corners], axis=1))
         owners.append(owner)
-    # Codes element * 8 + corner, so that a vertex knows an element that carries it.
-    codes = np.concatenate(quads)
-    nodes = model.elements.reshape(-1)[codes]
-    used, first, inverse = np.unique(nodes, return_index=True, return_inverse=True)
-    code = codes.reshape(-1)[first]
-    quad = inverse.reshape(-1, 4)
-    faces = np.concatenate([quad[:, [0, 1, 2]], quad[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
-    element, local = code // 8, HEX_CORNERS[code % 8].astype(np.float64)
-    return BoundSurface(model.nodes[used], faces, element, local, model.elements[element])
+    return np.concatenate(quads)
 
 
 def _checked_points(vertices: ArrayLike) -> NDArray[np.float64]:

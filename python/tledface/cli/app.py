@@ -48,6 +48,7 @@ for _verb in (
     scenes.check,
     scenes.build,
     scenes.run,
+    scenes.resume,
     machine.bench,
     scenes.schema,
 ):

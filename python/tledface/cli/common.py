@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import sys
 import warnings
@@ -29,15 +30,47 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress and no r
 Force = Annotated[bool, typer.Option("--force", help="Replace an earlier run in the folder.")]
 
 
+# Typer brings its own click or takes the installed one; this is the right class either way.
+_UsageError: type[Exception] = typer.BadParameter.__bases__[0]
+
+
 class Group(TyperGroup):
     """The verbs; an error of the user's ends as one line on standard error, never a traceback."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the options before the verb."""
+        given = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except _UsageError as error:
+            if not given:
+                raise  # which shows the help
+            _say(f"error: {_usage(error)}")
+        raise typer.Exit(2)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the verb; an unknown one is an InputError that lists them."""
+        verbs = self.list_commands(ctx)
+        if args[0] not in verbs:
+            near = difflib.get_close_matches(args[0], verbs, n=1, cutoff=0.6)
+            hint = f"nearest: {near[0]}; " if near else ""
+            raise InputError(f"{args[0]!r}: no such verb; {hint}allowed: {', '.join(verbs)}")
+        return super().resolve_command(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
-        """Run a verb: exit code 2 for bad input, 1 for a simulation that cannot go on."""
+        """Run a verb: exit code 2 for bad input, 1 for a simulation that cannot go on.
+
+        130 for one that the keyboard interrupts.
+        """
         try:
             with warnings.catch_warnings():
                 warnings.showwarning = _show_warning
                 return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            _say(str(error) or "interrupted")
+            raise typer.Exit(130) from None
+        except _UsageError as error:
+            code, line = 2, _usage(error)
         except InputError as error:
             code, line = 2, str(error)
         except SimulationError as error:
@@ -48,7 +81,7 @@ class Group(TyperGroup):
             raise
         except OSError as error:
             code, line = 2, f"{error.filename or 'file'}: {error.strerror or error}"
-        print(f"tledface: error: {' '.join(line.split())}", file=sys.stderr)
+        _say(f"error: {line}")
         raise typer.Exit(code)
 
 
@@ -61,4 +94,14 @@ def give(text: str, values: dict[str, Any], *, as_json: bool, quiet: bool) -> No
 
 
 def _show_warning(message: Warning | str, *_: object, **__: object) -> None:
-    print(f"tledface: warning: {' '.join(str(message).split())}", file=sys.stderr)
+    _say(f"warning: {message}")
+
+
+def _say(line: str) -> None:
+    print(f"tledface: {' '.join(line.split())}", file=sys.stderr)
+
+
+def _usage(error: Any) -> str:
+    message = error.format_message().rstrip(".")
+    verb = getattr(error.ctx, "command_path", "tledface")
+    return f"{message[:1].lower()}{message[1:]}; `{verb} --help` shows what it takes"

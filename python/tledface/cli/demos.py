@@ -18,19 +18,26 @@ __all__ = ["demo", "examples", "shipped"]
 
 
 def shipped() -> dict[str, ModuleType]:
-    """The shipped scenes by name: the modules of ``tledface.examples`` that ``write`` one."""
+    """The shipped examples by name: modules of ``tledface.examples``.
+
+    A scene's module has ``write(folder)``, that of a study of its own ``study(folder)``.
+    """
     package = importlib.import_module("tledface.examples")
     modules = {
         found.name.replace("_", "-"): importlib.import_module(f"{package.__name__}.{found.name}")
         for found in pkgutil.iter_modules(package.__path__)
         if not found.name.startswith("_")
     }
-    return {name: module for name, module in sorted(modules.items()) if hasattr(module, "write")}
+    return {
+        name: module
+        for name, module in sorted(modules.items())
+        if hasattr(module, "write") or hasattr(module, "study")
+    }
 
 
 def demo(
     name: Annotated[
-        str, typer.Argument(metavar="[NAME]", help="A shipped scene; see `tledface examples`.")
+        str, typer.Argument(metavar="NAME", help="A shipped scene; see `tledface examples`.")
     ] = "flat-block",
     output: Annotated[
         Path | None,
@@ -47,23 +54,33 @@ def demo(
     json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a shipped scene: writes its surfaces, builds, simulates, shows where the results are."""
+    """Run a shipped example: builds, simulates, shows where scene and results are."""
+    from tledface import device as device_module
     from tledface.output import OutputFolder, earlier_run
     from tledface.run import run_scene
     from tledface.scene import Scene
 
     known = shipped()
     if name not in known:
-        near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.0)
+        near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.6)
         hint = f"nearest: {near[0]}; " if near else ""
         raise InputError(f"demo {name!r}: no such scene; {hint}shipped: {', '.join(known)}")
     folder = output or Path(f"tledface-{name}")
     # A demo's own results can always be had again, so running it twice needs no --force.
     again = (earlier_run(folder) or {}).get("demo") == name
-    OutputFolder(folder, force=force or again).begin({"demo": name})
+    output_folder = OutputFolder(folder, force=force or again)
+    opened = device_module.resolve(device)
+    output_folder.begin({"demo": name})
+    if hasattr(known[name], "study"):
+        found = known[name].study(folder, device=opened, quiet=quiet or json)
+        files = [path.name for path in found.files.values()]
+        about = {"demo": name, "state": "finished", "files": files, "result": found.to_dict()}
+        output_folder.write(about)
+        give(found.text(), found.to_dict(), as_json=json, quiet=quiet)
+        return
     scene = Scene.load(known[name].write(folder / "scene"))
     result = run_scene(
-        scene, folder, device=device, force=True, quiet=quiet or json, about={"demo": name}
+        scene, folder, device=opened, force=True, quiet=quiet or json, about={"demo": name}
     )
     give(result.text(), result.to_dict(), as_json=json, quiet=quiet)
 

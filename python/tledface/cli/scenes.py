@@ -1,4 +1,4 @@
-"""Verbs about scenes: new, check, build, run, schema."""
+"""Verbs about scenes: new, check, build, run, resume, schema."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 
 from tledface.cli.common import AsJson, Device, Force, Quiet, give
 
-__all__ = ["build", "check", "new", "run", "schema"]
+__all__ = ["build", "check", "new", "resume", "run", "schema"]
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML).")]
 
@@ -55,10 +55,16 @@ def build(
     quiet: Quiet = False,
 ) -> None:
     """Turn a scene's surfaces into a voxel model, saved as HDF5."""
+    from tledface.errors import InputError
     from tledface.progress import spinner
     from tledface.run import save_built
-    from tledface.scene import Scene
+    from tledface.scene import MODEL_ENDINGS, Scene
 
+    if output.suffix.lower() not in MODEL_ENDINGS:
+        raise InputError(
+            f"output {output}: ending {output.suffix!r} is not that of a model file; allowed: "
+            f"{', '.join(MODEL_ENDINGS)}"
+        )
     loaded = Scene.load(scene)
     with spinner("building the model", quiet=quiet or json):
         model = loaded.build()
@@ -92,13 +98,33 @@ def run(
 ) -> None:
     """Simulate a scene: frames for ParaView, the deformed surface, a picture."""
     from tledface.run import load_run, run_scene
-    from tledface.scene import Scene
+    from tledface.scene import MODEL_ENDINGS, Scene
 
-    if scene.suffix in (".h5", ".hdf5"):
+    if scene.suffix.lower() in MODEL_ENDINGS and not scene.is_dir():
         loaded, model = load_run(scene)
     else:
         loaded, model = Scene.load(scene), None
     result = run_scene(loaded, output, device=device, force=force, model=model, quiet=quiet or json)
+    give(result.text(), result.to_dict(), as_json=json, quiet=quiet)
+
+
+def resume(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a run.")],
+    device: Annotated[
+        str | None,
+        typer.Option(
+            metavar="DEVICE",
+            help="As for run; another than before ends with other bits.",
+            show_default="the run's own",
+        ),
+    ] = None,
+    json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Go on with a run that was killed or stopped, from its last checkpoint to its end."""
+    from tledface.run import resume_run
+
+    result = resume_run(directory, device=device, quiet=quiet or json)
     give(result.text(), result.to_dict(), as_json=json, quiet=quiet)
 
 

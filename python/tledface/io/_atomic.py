@@ -19,13 +19,31 @@ def check_folder(path: Path, what: str) -> None:
         raise InputError(f"{what} {path}: the folder {folder} is not writable; choose another")
 
 
+def sync(path: Path) -> None:
+    """Wait until a file, or the names in a folder, are on the disk."""
+    if path.is_dir() and os.name == "nt":
+        return  # a folder cannot be opened there; its names are kept in order anyway
+    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
 @contextmanager
-def atomic_path(path: Path, what: str) -> Iterator[Path]:
-    """Give a temporary path beside ``path``; rename it on success, remove it on failure."""
+def atomic_path(path: Path, what: str, *, durable: bool = False) -> Iterator[Path]:
+    """Give a temporary path beside ``path``; rename it on success, remove it on failure.
+
+    ``durable``: the file and its name are on the disk before it replaces another one.
+    """
     check_folder(path, what)
     part = path.with_name(f"{path.stem}.part{path.suffix}")
     try:
         yield part
+        if durable:
+            sync(part)
         os.replace(part, path)
+        if durable:
+            sync(path.parent)
     finally:
         part.unlink(missing_ok=True)

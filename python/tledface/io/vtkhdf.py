@@ -6,7 +6,17 @@ the VTKHDF 2.0 file format of the VTK documentation, transient UnstructuredGrid 
 
 While a run lasts the file is called ``<stem>.part.vtkhdf`` and is complete up to the last frame
 after each append; closing renames it. A run that ends by an exception keeps its frames under the
-final name; a process that is killed leaves the readable part file.
+final name; a process that is killed leaves the readable part file, and `reopen` goes on with it.
+
+An HDF5 file killed while its metadata changes may be lost. Here they do not change: with ``frames``
+given, all space is reserved in the first append (sparse, so it takes no disk yet), and from then on
+a frame is raw data in reserved places, then the rows of ``Steps`` (one chunk each, their extent is
+one number in place), then the number ``NSteps``, each flushed before the next. Nothing is copied
+or merged, ParaView reads the file at any moment, and going back to a checkpoint is to set
+``NSteps``. (Measured against the alternatives: a copy of the file at each checkpoint costs the file
+again each time; segments merged at the end need twice the disk; SWMR files cannot be opened by
+ParaView before h5clear.) Rows of the arrays beyond the last step, where a run ended early, are
+unused. Without ``frames`` arrays grow, and a kill within an append may cost the file.
 """
 
 from __future__ import annotations
@@ -14,14 +24,14 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface.errors import InputError
-from tledface.io._atomic import check_folder
+from tledface.io._atomic import check_folder, sync
 from tledface.model import Model
 from tledface.surface import BoundSurface
 
@@ -34,7 +44,16 @@ _ENDING = ".vtkhdf"
 class _TimeSeries:
     """The file under its temporary name and the `Steps` group."""
 
-    def __init__(self, path: str | Path, kind: str, n_points: int, n_cells: int) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        kind: str,
+        n_points: int,
+        n_cells: int,
+        *,
+        frames: int = 0,
+        keep: int | None = None,
+    ) -> None:
         self.path = Path(path)
         if self.path.suffix != _ENDING:
             raise InputError(f"time series {self.path}: the name must end in {_ENDING}")
@@ -42,7 +61,12 @@ class _TimeSeries:
         self._part = self.path.with_name(f"{self.path.stem}.part{_ENDING}")
         self._n_points, self._n_cells = n_points, n_cells
         self._constant: frozenset[str] = frozenset()
+        self._offsets: dict[str, tuple[int, str]] = {}
         self._poly = kind == "PolyData"
+        self._reserved = frames
+        if keep is not None:
+            self._reopen(keep)
+            return
         self._file = h5py.File(self._part, "w")
         self._root = self._file.create_group("VTKHDF")
         self._root.attrs["Version"] = np.array([2, 0], dtype=np.int64)
@@ -72,6 +96,11 @@ class _TimeSeries:
         """Number of frames written."""
         return int(self._steps.attrs["NSteps"])
 
+    def sync(self) -> None:
+        """Wait until all frames are on the disk."""
+        self._file.flush()
+        sync(self._part)
+
     def close(self) -> None:
         """Finish the file and give it its name; without any frame it is removed."""
         if not self._file:
@@ -83,8 +112,42 @@ class _TimeSeries:
         else:
             self._part.unlink()
 
+    def _reopen(self, keep: int) -> None:
+        """Open the file of a run that ended early, with its first ``keep`` frames."""
+        if not self._part.exists() and self.path.exists():
+            os.replace(self.path, self._part)
+        if not self._part.exists():
+            raise InputError(f"time series {self._part}: no such file; run again from the start")
+        try:
+            self._file = h5py.File(self._part, "r+")
+            self._root = self._file["VTKHDF"]
+            self._steps = self._root["Steps"]
+            found = self.n_steps
+        except BlockingIOError:
+            raise InputError(
+                f"time series {self._part}: another process is writing it; wait for that run, "
+                "or end it"
+            ) from None
+        except (OSError, KeyError, TypeError):
+            raise InputError(
+                f"time series {self._part}: damaged; run again from the start"
+            ) from None
+        if found < keep:
+            self._file.close()
+            raise InputError(
+                f"time series {self._part}: holds {found} frames, the checkpoint was made after "
+                f"{keep}; run again from the start"
+            )
+        self._steps.attrs.modify("NSteps", np.int64(keep))
+        self._file.flush()
+        tables = [*self._steps.values(), *self._steps["PointDataOffsets"].values()]
+        for table in [*tables, *self._steps["CellDataOffsets"].values()]:
+            if isinstance(table, h5py.Dataset):
+                table.resize(keep, axis=0)
+
     def _add_step(self, time: float, first_point: int) -> None:
         """Count a frame; the data it points at are in the file already."""
+        self._file.flush()
         step = self.n_steps
         for name, value in (
             ("PartOffsets", 0),
@@ -97,8 +160,11 @@ class _TimeSeries:
             # PolyData keeps one offset for each of vertices, lines, polygons and strips.
             per_kind = self._poly and name in ("CellOffsets", "ConnectivityIdOffsets")
             dtype = np.float64 if name == "Values" else np.int64
-            _write_row(_growing(self._steps, name, (4,) if per_kind else (), dtype), step, value)
-        self._steps.attrs["NSteps"] = np.int64(step + 1)
+            self._write_row(self._steps, name, value, (4,) if per_kind else (), dtype)
+        for name, (rows, by_kind) in self._offsets.items():
+            self._write_row(self._steps[f"{by_kind}DataOffsets"], name, rows * step)
+        self._file.flush()
+        self._steps.attrs.modify("NSteps", np.int64(step + 1))
         self._file.flush()
 
     def _check_time(self, time: float) -> None:
@@ -129,16 +195,61 @@ class _TimeSeries:
                 f"time series {self.path}: every frame must have the same arrays; the first had "
                 f"{sorted(known - self._constant)}, this one has {sorted(checked)}"
             )
+        self._offsets = {name: (0, "Cell") for name in self._constant}
         for name, (kind, array) in checked.items():
-            data = _growing(self._root[f"{kind}Data"], name, array.shape[1:], np.float32)
-            offset = _growing(self._steps[f"{kind}DataOffsets"], name, (), np.int64)
-            start = self.n_steps * len(array)
-            data.resize(start + len(array), axis=0)
-            data[start:] = array
-            _write_row(offset, self.n_steps, start)
-        for name in self._constant:
-            offset = _growing(self._steps["CellDataOffsets"], name, (), np.int64)
-            _write_row(offset, self.n_steps, 0)
+            self._write_frame(self._root[f"{kind}Data"], name, array)
+            self._offsets[name] = (len(array), kind)
+
+    def _write_frame(self, group: h5py.Group, name: str, values: NDArray[np.floating[Any]]) -> None:
+        """Write the rows of a frame, all frames of the array being of one length."""
+        rows = len(values)
+        if name not in group:
+            group.create_dataset(
+                name,
+                (self._reserved * rows, *values.shape[1:]),
+                values.dtype,
+                maxshape=(None, *values.shape[1:]),
+                chunks=(max(rows, 1), *values.shape[1:]),
+                dcpl=_in_place(),
+            )
+        data, start = group[name], self.n_steps * rows
+        if len(data) < start + rows:
+            data.resize(start + rows, axis=0)
+        # A frame is a chunk, and goes to its place in the file directly: where the disk is full,
+        # HDF5 keeps what it could not write, reports it to nobody and crashes at exit.
+        place = data.id.get_chunk_info_by_coord((start, *[0] * (values.ndim - 1))).byte_offset
+        if place is None:
+            return  # no rows
+        left = memoryview(np.ascontiguousarray(values, dtype=data.dtype).tobytes())
+        try:
+            with open(self._part, "r+b", buffering=0) as raw:
+                raw.seek(place)
+                while left:
+                    left = left[raw.write(left) :]
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._part)) from None
+
+    def _write_row(
+        self,
+        group: h5py.Group,
+        name: str,
+        value: float,
+        columns: tuple[int, ...] = (),
+        dtype: type[np.generic] = np.int64,
+    ) -> None:
+        step = self.n_steps
+        if name not in group:
+            rows = max(64, self._reserved)
+            group.create_dataset(
+                name,
+                # Written, so that the rows to come have their place on the disk already.
+                data=np.zeros((rows, *columns), dtype),
+                maxshape=(None, *columns),
+                chunks=(rows, *columns),
+                dcpl=_in_place(),
+            )
+        group[name].resize(step + 1, axis=0)
+        group[name][step] = value
 
 
 class VTKHDFWriter(_TimeSeries):
@@ -149,6 +260,7 @@ class VTKHDFWriter(_TimeSeries):
         model: The model; its geometry is written once.
         surface: Name of one of ``model.surfaces``, or a bound surface: its moving points go to
             ``<stem>_surface.vtkhdf``. None: no surface file.
+        frames: Number of frames to reserve space for; more can follow. See the module.
 
     Constant cell data: ``tissue`` (index of the largest fraction), ``fraction_<tissue>``,
     ``muscle_<name>`` (weight). Point data ``displacement`` in m, float32.
@@ -158,7 +270,13 @@ class VTKHDFWriter(_TimeSeries):
     """
 
     def __init__(
-        self, path: str | Path, model: Model, surface: str | BoundSurface | None = None
+        self,
+        path: str | Path,
+        model: Model,
+        surface: str | BoundSurface | None = None,
+        *,
+        frames: int = 0,
+        _keep: int | None = None,
     ) -> None:
         """Write the geometry and the constant fields."""
         if isinstance(surface, str):
@@ -168,7 +286,40 @@ class VTKHDFWriter(_TimeSeries):
                     f"{sorted(model.surfaces)}"
                 )
             surface = model.surfaces[surface]
-        super().__init__(path, "UnstructuredGrid", model.n_nodes, model.n_elements)
+        super().__init__(
+            path, "UnstructuredGrid", model.n_nodes, model.n_elements, frames=frames, keep=_keep
+        )
+        fields = _constant_fields(model)
+        self._constant = frozenset(fields)
+        if _keep is None:
+            self._write_geometry(model, fields)
+        self._surface = surface
+        self._surface_writer = None
+        if surface is not None:
+            self._surface_writer = VTKHDFSurfaceWriter(
+                self.path.with_name(f"{self.path.stem}_surface{_ENDING}"),
+                surface.faces,
+                len(surface.vertices),
+                frames=frames,
+                _keep=_keep,
+            )
+
+    @classmethod
+    def reopen(
+        cls, path: str | Path, model: Model, surface: str | BoundSurface | None, *, keep: int
+    ) -> Self:
+        """Go on with the files of a writer that was killed or closed early.
+
+        Args:
+            path, model, surface: As they were given to the first writer.
+            keep: Frames to keep, the first ones; later ones are dropped.
+
+        Raises:
+            InputError: no such file, damaged, fewer frames, or another process is writing it.
+        """
+        return cls(path, model, surface, _keep=keep)
+
+    def _write_geometry(self, model: Model, fields: dict[str, NDArray[np.generic]]) -> None:
         root, n_elem = self._root, model.n_elements
         for name, count in (
             ("NumberOfPoints", model.n_nodes),
@@ -180,18 +331,8 @@ class VTKHDFWriter(_TimeSeries):
         root.create_dataset("Types", data=np.full(n_elem, _VTK_HEXAHEDRON, dtype=np.uint8))
         root.create_dataset("Connectivity", data=model.elements.reshape(-1).astype(np.int64))
         root.create_dataset("Offsets", data=np.arange(0, 8 * n_elem + 1, 8, dtype=np.int64))
-        fields = _constant_fields(model)
         for name, values in fields.items():
             root["CellData"].create_dataset(name, data=values)
-        self._constant = frozenset(fields)
-        self._surface = surface
-        self._surface_writer = None
-        if surface is not None:
-            self._surface_writer = VTKHDFSurfaceWriter(
-                self.path.with_name(f"{self.path.stem}_surface{_ENDING}"),
-                surface.faces,
-                len(surface.vertices),
-            )
 
     def append(self, time: float, u: ArrayLike, **arrays: ArrayLike) -> None:
         """Add a frame.
@@ -221,6 +362,12 @@ class VTKHDFWriter(_TimeSeries):
         if self._surface is not None and self._surface_writer is not None:
             self._surface_writer.append(time, self._surface.displaced(displacement))
 
+    def sync(self) -> None:
+        """Wait until all frames of both files are on the disk."""
+        super().sync()
+        if self._surface_writer is not None:
+            self._surface_writer.sync()
+
     def close(self) -> None:
         """Finish both files and give them their names."""
         super().close()
@@ -235,12 +382,23 @@ class VTKHDFSurfaceWriter(_TimeSeries):
         path: A name ending in .vtkhdf; see the module for when it appears.
         faces: (nf, 3) int, the same in every frame.
         n_vertices: Number of points in every frame.
+        frames: Number of frames to reserve space for; more can follow. See the module.
     """
 
-    def __init__(self, path: str | Path, faces: ArrayLike, n_vertices: int) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        faces: ArrayLike,
+        n_vertices: int,
+        *,
+        frames: int = 0,
+        _keep: int | None = None,
+    ) -> None:
         """Write the triangles."""
         triangles = np.asarray(faces, dtype=np.int64)
-        super().__init__(path, "PolyData", n_vertices, len(triangles))
+        super().__init__(path, "PolyData", n_vertices, len(triangles), frames=frames, keep=_keep)
+        if _keep is not None:
+            return
         self._root.create_dataset("NumberOfPoints", data=np.array([n_vertices]))
         for name in ("Vertices", "Lines", "Polygons", "Strips"):
             ids = triangles.reshape(-1) if name == "Polygons" else np.empty(0, dtype=np.int64)
@@ -249,7 +407,6 @@ class VTKHDFSurfaceWriter(_TimeSeries):
             group.create_dataset("NumberOfConnectivityIds", data=np.array([len(ids)]))
             group.create_dataset("Connectivity", data=ids)
             group.create_dataset("Offsets", data=np.arange(0, len(ids) + 1, 3))
-        self._points = _growing(self._root, "Points", (3,), np.float64)
 
     def append(self, time: float, vertices: ArrayLike, **arrays: ArrayLike) -> None:
         """Add a frame.
@@ -270,10 +427,8 @@ class VTKHDFSurfaceWriter(_TimeSeries):
                 f"({self._n_points}, 3)"
             )
         self._append_arrays({name: self._checked(name, v) for name, v in arrays.items()})
-        start = self.n_steps * self._n_points
-        self._points.resize(start + self._n_points, axis=0)
-        self._points[start:] = points
-        self._add_step(time, first_point=start)
+        self._write_frame(self._root, "Points", points)
+        self._add_step(time, first_point=self.n_steps * self._n_points)
 
 
 def _constant_fields(model: Model) -> dict[str, NDArray[np.generic]]:
@@ -294,17 +449,9 @@ def _plain(name: str) -> str:
     return name.replace("/", "_")
 
 
-def _growing(
-    group: h5py.Group, name: str, columns: tuple[int, ...], dtype: type[np.generic]
-) -> h5py.Dataset:
-    if name not in group:
-        rows = 16384 if dtype is np.float32 or columns == (3,) else 64
-        group.create_dataset(
-            name, (0, *columns), dtype, maxshape=(None, *columns), chunks=(rows, *columns)
-        )
-    return group[name]
-
-
-def _write_row(dataset: h5py.Dataset, row: int, value: float) -> None:
-    dataset.resize(row + 1, axis=0)
-    dataset[row] = value
+def _in_place() -> h5py.h5p.PropDCID:
+    """Chunks that get their places when the array is made, and are not filled before they do."""
+    properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    properties.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
+    properties.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+    return properties

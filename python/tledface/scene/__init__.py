@@ -1,6 +1,6 @@
 """Scene files: TOML tables checked and turned into SI values, ready to be built into a model."""
 
-from tledface.scene.load import Scene
+from tledface.scene.load import MODEL_ENDINGS, Scene
 from tledface.scene.tables import (
     Boundary,
     FixedSpec,
@@ -13,6 +13,7 @@ from tledface.scene.tables import (
 from tledface.scene.template import template_text, write_template
 
 __all__ = [
+    "MODEL_ENDINGS",
     "Boundary",
     "FixedSpec",
     "Geometry",

@@ -23,11 +23,13 @@ from tledface.schedule import Constant, Keyframes, Ramp
 __all__ = [
     "Activation",
     "Box",
+    "CheckpointEvery",
     "Components",
     "Fibre",
     "Gravity",
     "Length",
     "MaterialField",
+    "MissingFiles",
     "Name",
     "Outer",
     "Paths",
@@ -125,6 +127,24 @@ def _read_outer(value: Any, info: ValidationInfo) -> str | list[tuple[Vector, Ve
     return [_read_box(box, info) for box in value]
 
 
+class MissingFiles(InputError):
+    """Surface files that are not there."""
+
+    def __init__(self, files: list[Path]) -> None:
+        """One line that names them all, and what lies near the first."""
+        path = files[0]
+        names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+        near = difflib.get_close_matches(path.name, names, n=1)
+        hint = f"; nearest there: {near[0]}" if near else ""
+        others = dict.fromkeys(f'"{file}"' for file in files[1:] if file != path)
+        also = f"; also not found: {', '.join(others)}" if others else ""
+        super().__init__(
+            f'file not found: "{path}"{hint}{also}; give paths relative to the scene file, or '
+            "absolute"
+        )
+        self.files = files
+
+
 def _read_path(value: Any, info: ValidationInfo) -> Path:
     if isinstance(value, Path):
         value = str(value)
@@ -134,19 +154,23 @@ def _read_path(value: Any, info: ValidationInfo) -> Path:
     base = Path(context.get("base", "."))
     path = base / Path(value).expanduser()
     if context.get("check_files", True) and not path.is_file():
-        names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
-        near = difflib.get_close_matches(path.name, names, n=1)
-        hint = f"; nearest there: {near[0]}" if near else ""
-        raise InputError(
-            f'file not found: "{path}"{hint}; give a path relative to the scene file, or absolute'
-        )
+        raise MissingFiles([path])
     return path
 
 
 def _read_paths(value: Any, info: ValidationInfo) -> list[Path]:
     if not isinstance(value, list):
         raise InputError(f'got {value!r}; allowed: a list of surface files, as ["left.obj"]')
-    return [_read_path(item, info) for item in value]
+    paths: list[Path] = []
+    missing: list[Path] = []
+    for item in value:
+        try:
+            paths.append(_read_path(item, info))
+        except MissingFiles as error:
+            missing += error.files
+    if missing:
+        raise MissingFiles(missing)
+    return paths
 
 
 def _read_fibre(value: Any, info: ValidationInfo) -> Vector | str:
@@ -183,6 +207,18 @@ def _read_time_step(value: Any, info: ValidationInfo) -> float | str:
         return "auto"
     if isinstance(value, str) and value.isalpha():
         raise InputError(f'got {value!r}; allowed: "auto", or a time with its unit, as "2 us"')
+    return units.bounded(
+        units.parse(value, "time"), above=0.0, shown=value, unit=units.KINDS["time"].si
+    )
+
+
+def _read_checkpoint_every(value: Any, info: ValidationInfo) -> float | str:
+    if value in ("auto", "off"):
+        return str(value)
+    if isinstance(value, str) and value.isalpha():
+        raise InputError(
+            f'got {value!r}; allowed: "auto", "off", or a time with its unit, as "10 ms"'
+        )
     return units.bounded(
         units.parse(value, "time"), above=0.0, shown=value, unit=units.KINDS["time"].si
     )
@@ -235,8 +271,9 @@ def _keyframes(table: dict[str, Any], what: str) -> Keyframes:
 def _known_keys(table: dict[str, Any], known: list[str]) -> None:
     for key in table:
         if key not in known:
-            near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
-            raise InputError(f"{key}: unknown key; nearest: {near}; allowed: {', '.join(known)}")
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+            hint = f"nearest: {near[0]}; " if near else ""
+            raise InputError(f"{key}: unknown key; {hint}allowed: {', '.join(known)}")
 
 
 def _vector_schema(items: JsonSchema) -> JsonSchema:
@@ -246,6 +283,8 @@ def _vector_schema(items: JsonSchema) -> JsonSchema:
 def _material_schema() -> JsonSchema:
     laws: list[JsonSchema] = []
     for law in materials().values():
+        if law.modifier is not None:
+            continue
         keys: JsonSchema = {"model": {"const": law.name, "description": law.energy}}
         for parameter in law.parameters:
             bare = f"in {parameter.unit}" if parameter.bare else ""
@@ -255,7 +294,23 @@ def _material_schema() -> JsonSchema:
             keys[parameter.name] = {**shape, "description": meaning}
         for option, choices in law.options.items():
             keys[option] = {"enum": list(choices), "default": choices[0]}
-        needed = ["model", *(parameter.name for parameter in law.parameters)]
+        needed = ["model", *(p.name for p in law.parameters if p.default is None)]
+        for direction in law.directions:
+            keys[direction.name] = _vector_schema({"type": "number"}) | {
+                "description": direction.meaning
+            }
+            if not direction.optional:
+                needed.append(direction.name)
+        if law.volumetric != "own":
+            keys["prony"] = {
+                "type": "array",
+                "maxItems": 3,
+                "description": "viscoelastic terms [share, time] on the isochoric stress",
+            }
+        keys["pretension"] = {
+            "type": "object",
+            "description": "natural tension: along, across (stress), line, normal ([x, y, z])",
+        }
         laws.append(
             {
                 "type": "object",
@@ -322,6 +377,11 @@ TimeStep = Annotated[
     float | str,
     PlainValidator(_read_time_step),
     WithJsonSchema({"anyOf": [{"const": "auto"}, _quantity_schema("time")]}),
+]
+CheckpointEvery = Annotated[
+    float | str,
+    PlainValidator(_read_checkpoint_every),
+    WithJsonSchema({"anyOf": [{"enum": ["auto", "off"]}, _quantity_schema("time")]}),
 ]
 VoxelSize = Annotated[
     Vector,

@@ -12,6 +12,7 @@ from pydantic import PrivateAttr, ValidationError
 
 from tledface import units
 from tledface.errors import InputError
+from tledface.scene.fields import MissingFiles
 from tledface.scene.tables import SceneTables
 
 if TYPE_CHECKING:
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 
     from tledface.model import Model
 
-__all__ = ["Scene"]
+__all__ = ["MODEL_ENDINGS", "Scene"]
+
+MODEL_ENDINGS = (".h5", ".hdf5")
 
 
 class Scene(SceneTables):
@@ -46,15 +49,14 @@ class Scene(SceneTables):
         """Read a TOML scene file.
 
         Raises InputError with one line (file, key, what was got, what is allowed): no such file,
-        TOML syntax, unknown key, missing or bad value, missing unit, missing surface file.
+        a file of another kind, TOML syntax, unknown key, missing or bad value, missing unit,
+        missing surface files.
         """
         path = Path(path)
+        if other := _not_a_scene(path):
+            raise InputError(f"{path}: {other}")
         try:
             text = path.read_text(encoding="utf-8")
-        except FileNotFoundError:
-            raise InputError(
-                f"{path}: no such scene file; `tledface new {path.name}` writes one to start from"
-            ) from None
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: cannot be read as text ({error})") from None
         try:
@@ -110,18 +112,44 @@ class Scene(SceneTables):
         return build_model(self)
 
 
+def _not_a_scene(path: Path) -> str:
+    """Why a path cannot be a scene file; empty if it may be one."""
+    ending = path.suffix.lower()
+    if path.is_dir():
+        return "is a folder; give a scene file (.toml)"
+    if not path.exists():
+        hint = f"`tledface new {path}` writes one to start from"
+        return f"no such scene file; {hint if ending == '.toml' else 'give a scene file (.toml)'}"
+    if ending in MODEL_ENDINGS:
+        return "is a model file; use `tledface run`"
+    if ending == ".toml":
+        return ""
+    from tledface.geometry.surfaces import SURFACE_FORMATS
+
+    if ending in SURFACE_FORMATS:
+        return "is a surface; a scene file (.toml) names it"
+    return ""
+
+
 def _one_line(error: ValidationError, tables: Mapping[str, Any]) -> str:
     problems = error.errors(include_url=False)
     # A misspelt key also shows up as a missing one: the misspelling is the one to name.
     problems.sort(key=lambda problem: problem["type"] == "missing")
-    first = problems[0]
+    first, more = problems[0], len(problems) - 1
     line = _message(first, tables)
+    missing = [x for x in map(_cause, problems) if isinstance(x, MissingFiles)]
+    if isinstance(_cause(first), MissingFiles):
+        line = str(MissingFiles([file for problem in missing for file in problem.files]))
+        more -= len(missing) - 1
     path = _key_path(first["loc"])
     if path and not line.startswith(f"{path}["):
         joint = "." if line.partition(":")[0].isidentifier() else ": "
         line = f"{path}{joint}{line}"
-    more = len(problems) - 1
     return line + (f" (and {more} more problem{'s' if more > 1 else ''})" if more else "")
+
+
+def _cause(problem: ErrorDetails) -> Any:
+    return problem.get("ctx", {}).get("error")
 
 
 def _key_path(location: tuple[int | str, ...]) -> str:
@@ -132,7 +160,7 @@ def _key_path(location: tuple[int | str, ...]) -> str:
 
 
 def _message(problem: ErrorDetails, tables: Mapping[str, Any]) -> str:
-    cause = problem.get("ctx", {}).get("error")
+    cause = _cause(problem)
     if isinstance(cause, InputError):
         return str(cause) + _label(problem["loc"], tables)
     if problem["type"] == "missing":

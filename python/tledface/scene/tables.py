@@ -19,6 +19,7 @@ from tledface.errors import InputError
 from tledface.scene.fields import (
     Activation,
     Box,
+    CheckpointEvery,
     Components,
     Fibre,
     Gravity,
@@ -65,10 +66,9 @@ class Table(BaseModel):
         known = [field.alias or name for name, field in cls.model_fields.items()]
         for key in given:
             if key not in known:
-                near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
-                raise InputError(
-                    f"{key}: unknown key; nearest: {near}; allowed: {', '.join(known)}"
-                )
+                near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+                hint = f"nearest: {near[0]}; " if near else ""
+                raise InputError(f"{key}: unknown key; {hint}allowed: {', '.join(known)}")
         return given
 
 
@@ -129,6 +129,10 @@ class MuscleSpec(Table):
     sigma_pas: Pressure | None = Field(
         default=None, description="passive fibre stress; sigma_act if left out"
     )
+    law: Literal["tension_length", "tension_length_printed", "calcium"] = Field(
+        default="tension_length",
+        description="fibre law; for calcium the activation is the calcium level",
+    )
     lambda_opt: Positive = Field(default=1.0, description="stretch of the greatest active stress")
     lambda_pas: Scale = Field(
         default=1.2, description="stretch above which passive fibre stress is linear"
@@ -147,7 +151,7 @@ class MuscleSpec(Table):
 
     @model_validator(mode="after")
     def _passive_follows_active(self) -> MuscleSpec:
-        if self.sigma_pas is None:
+        if self.sigma_pas is None and self.law != "calcium":
             object.__setattr__(self, "sigma_pas", self.sigma_act)
         return self
 
@@ -193,6 +197,10 @@ class Output(Table):
     """What a run writes."""
 
     fps: Positive = Field(default=200.0, description="frames for each simulated second")
+    checkpoint_every: CheckpointEvery = Field(
+        default="auto",
+        description="simulated time between checkpoints; auto: one a minute of the run",
+    )
 
 
 class SceneTables(Table):

@@ -1,0 +1,103 @@
+"""A model as the core takes it, and checks of a simulator's arguments."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tledface import _core
+from tledface.conditions import prescribed_mask
+from tledface.errors import InputError
+from tledface.muscle import CALCIUM_BETA
+
+if TYPE_CHECKING:
+    from tledface.model import Model
+
+__all__ = ["HostMemory", "check_number", "checked_field", "core_model"]
+
+
+class HostMemory:
+    """Memory of a simulator as a buffer that keeps the simulator alive."""
+
+    def __init__(self, address: int, n_bytes: int, owner: object) -> None:
+        self._owner = owner
+        self.__array_interface__ = {
+            "data": (address, False),
+            "shape": (n_bytes,),
+            "typestr": "|u1",
+            "version": 3,
+        }
+
+
+def core_model(
+    model: Model,
+    *,
+    density: NDArray[np.float64] | None = None,
+    weightless: bool = False,
+    muscles: bool = True,
+) -> _core.VoxelModel:
+    """The arrays of a model.
+
+    Args:
+        model: The model.
+        density: (n_elem,) kg/m3 instead of the model's own.
+        weightless: Leave gravity out.
+        muscles: Whether to take the muscles along.
+    """
+    parameters = model.element_parameters()
+    gx, gy, gz = (0.0 if weightless else float(g) for g in model.gravity)
+    hx, hy, hz = (float(h) for h in model.voxel)
+    core = _core.VoxelModel(
+        voxel=(hx, hy, hz),
+        cells=model.cells,
+        node_ijk=model.node_ijk,
+        mu=parameters["mu_base"],
+        shear_modulus=parameters["mu"],
+        bulk_modulus=parameters["bulk"],
+        bulk_log=parameters["bulk_log"],
+        bulk_quadratic=parameters["bulk_quadratic"],
+        density=parameters["density"] if density is None else density,
+        bending_modulus=parameters["bending_modulus"],
+        fixed=(model.fixed | prescribed_mask(model)).astype(np.uint8),
+        gravity=(gx, gy, gz),
+    )
+    for name, elements, rows in model.law_rows():
+        core.add_law(name=name, elements=elements, rows=rows)
+    for muscle in model.muscles if muscles else []:
+        core.add_muscle(
+            name=muscle.name,
+            elements=muscle.elements,
+            fibre=muscle.fibre,
+            weight=muscle.weight,
+            sigma_act=muscle.sigma_act,
+            sigma_pas=muscle.sigma_pas,
+            lambda_opt=muscle.lambda_opt,
+            lambda_pas=muscle.lambda_pas,
+            calcium=muscle.law == "calcium",
+            beta=CALCIUM_BETA if muscle.law == "calcium" else 0.0,
+            printed_passive=muscle.law == "tension_length_printed",
+        )
+    return core
+
+
+def check_number(
+    name: str, value: float, *, least: float, unit: str, exclusive: bool = False
+) -> None:
+    """Raise InputError unless ``value`` is a finite number of at least (or above) ``least``."""
+    good = isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
+    if not good or value < least or (exclusive and value == least):
+        bound = f"above {least:g}" if exclusive else f"{least:g} or more"
+        raise InputError(f"{name}: got {value!r}; allowed: a number {bound} ({unit})")
+
+
+def checked_field(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Finite float64 values of a shape; raises InputError."""
+    field = np.asarray(values, dtype=np.float64)
+    if field.shape != shape or not np.isfinite(field).all():
+        raise InputError(
+            f"{name}: got shape {field.shape}; allowed: finite values of shape {shape}"
+        )
+    return field

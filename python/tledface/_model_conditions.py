@@ -1,0 +1,172 @@
+"""The methods of `Model` that say what acts on its nodes and faces from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tledface._model_checks import Floats, Mask, floats, show
+from tledface.conditions import (
+    BodyForce,
+    Prescribed,
+    Pressure,
+    is_scalar_of_time,
+    prescribed_of,
+)
+from tledface.errors import InputError
+
+if TYPE_CHECKING:
+    from tledface.model import Model, Where
+
+WhereFaces = NDArray[np.bool_] | Callable[[Floats, Floats], NDArray[np.bool_]]
+
+
+class ConditionsMixin:
+    """Held and prescribed nodes, body forces, pressures of a model."""
+
+    fixed: Mask
+    prescribed: list[Prescribed]
+    body_forces: list[BodyForce]
+    pressures: list[Pressure]
+
+    if TYPE_CHECKING:
+        nodes: Floats
+        elements: NDArray[np.int32]
+
+        @property
+        def centres(self) -> Floats: ...
+        @property
+        def n_elements(self) -> int: ...
+        def _select(self, where: Where, positions: Floats, what: str, unit: str) -> Mask: ...
+
+    def _init_conditions(self) -> None:
+        self.prescribed, self.body_forces, self.pressures = [], [], []
+
+    def fix(self, where: Where, components: str = "xyz") -> None:
+        """Hold nodes at the displacement they start with; repeated calls add up.
+
+        That is zero, or what `Simulator.set_state` gives.
+
+        A component that was prescribed is held from now on.
+
+        Args:
+            where: (n_nodes,) bool, or a function of the nodes (n_nodes, 3) that returns it.
+            components: Which components to hold, letters of "xyz".
+
+        Raises:
+            InputError: ``where`` is no such mask or selects nothing, or an unknown component.
+        """
+        if not isinstance(components, str) or not components or set(components) - set("xyz"):
+            raise InputError(f"fix: components must be letters of 'xyz', got {components!r}")
+        mask = self._select(where, self.nodes, "fix: where", "node")
+        for component in map("xyz".index, set(components)):
+            self._release(np.flatnonzero(mask), component)
+            self.fixed[mask, component] = True
+
+    def prescribe(self, where: Where, components: dict[str, Any]) -> None:
+        """Move components of nodes as given; components left out stay as they were.
+
+        Where nodes were fixed or prescribed in a component before, the last call holds.
+
+        Args:
+            where: (n_nodes,) bool, or a function of the nodes (n_nodes, 3) that returns it.
+            components: Displacement in m by component, such as ``{"x": 1e-3}``: a number, an
+                array (n,) for the n selected nodes in rising order, ``callable(t)`` that gives a
+                number, or ``callable(t, X)`` that gives a number or (n,), X (n, 3) being the
+                selected nodes' reference positions. A callable with two required arguments
+                counts as the latter. Values of ``callable(t)`` are exact at every step; those of
+                ``callable(t, X)`` are linear between keys eight steps apart.
+
+        Raises:
+            InputError: ``where`` is no such mask or selects nothing, or an unknown component or
+                value.
+
+        A simulator starts with these components at their values of its first moment.
+
+        Example:
+            ``model.prescribe(lambda X: X[:, 2] > 0.99e-2, {"z": lambda t: -1e-3 * t})``
+        """
+        mask = self._select(where, self.nodes, "prescribe: where", "node")
+        for record in prescribed_of(np.flatnonzero(mask), components):
+            self._release(record.nodes, record.component)
+            self.fixed[mask, record.component] = False
+            self.prescribed.append(record)
+
+    def body_force(self, where: Where, force: ArrayLike | Callable[[float], ArrayLike]) -> None:
+        """Add a force in the volume of some elements; repeated calls add up.
+
+        Args:
+            where: (n_elem,) bool, or a function of the centres (n_elem, 3) that returns it.
+            force: N/m3 of reference volume: (3,), (m, 3) for the m selected elements,
+                (n_elem, 3), or ``callable(t)`` that gives (3,).
+
+        Raises:
+            InputError: ``where`` is no such mask or selects nothing, or another shape.
+        """
+        mask = self._select(where, self.centres, "body_force: where", "element")
+        elements = np.flatnonzero(mask)
+        if callable(force):
+            self.body_forces.append(BodyForce(elements, force))
+            return
+        values = floats("body_force: force", force)
+        if values.shape == (self.n_elements, 3):
+            values = values[mask]
+        if values.shape not in ((3,), (len(elements), 3)) or not np.isfinite(values).all():
+            raise InputError(
+                f"body_force: got shape {values.shape}; allowed: finite N/m3 of shape (3,), "
+                f"({len(elements)}, 3) for the selected elements or ({self.n_elements}, 3)"
+            )
+        self.body_forces.append(BodyForce(elements, values))
+
+    def boundary(self) -> tuple[NDArray[np.int32], Floats, Floats]:
+        """The exposed faces of the voxels: what `pressure` selects from.
+
+        Returns:
+            nodes (n, 4), counter-clockwise seen from outside; centres (n, 3) m; outward unit
+            normals (n, 3). The reference state.
+        """
+        from tledface.surface import boundary_faces
+
+        faces = boundary_faces(cast("Model", self))
+        corner = self.nodes[faces]
+        area = np.cross(corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 1])
+        return faces, corner.mean(axis=1), area / np.linalg.norm(area, axis=1)[:, None]
+
+    def pressure(self, where: WhereFaces, value: float | Callable[[float], float]) -> None:
+        """Add a pressure on boundary faces; repeated calls add up.
+
+        The pressure follows the body: its force is along the normal of the deformed face and in
+        proportion to its deformed area.
+
+        Args:
+            where: (n,) bool over the faces of `boundary`, or a function of their centres (n, 3)
+                and outward normals (n, 3) that returns it.
+            value: Pa, positive pushes inwards: a number or ``callable(t)``.
+
+        Raises:
+            InputError: ``where`` is no such mask or selects nothing, or another value.
+        """
+        faces, centres, normals = self.boundary()
+        mask = np.asarray(where(centres, normals) if callable(where) else where)
+        if mask.dtype != np.bool_ or mask.shape != (len(faces),):
+            raise InputError(
+                f"pressure: where must be ({len(faces)},) bool, one per boundary face, "
+                f"got {mask.shape} {mask.dtype}"
+            )
+        if not mask.any():
+            raise InputError(
+                f"pressure: where selects none of the {len(faces)} boundary faces; their centres "
+                f"span {show(centres.min(axis=0))} to {show(centres.max(axis=0))} m"
+            )
+        if not is_scalar_of_time(value):
+            raise InputError(
+                f"pressure: got {value!r}; allowed: Pa as a finite number, or callable(t)"
+            )
+        self.pressures.append(Pressure(faces[mask], value))
+
+    def _release(self, nodes: NDArray[np.int64], component: int) -> None:
+        kept = [r.without(nodes) if r.component == component else r for r in self.prescribed]
+        self.prescribed = [record for record in kept if record is not None]

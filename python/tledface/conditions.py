@@ -1,0 +1,293 @@
+"""What acts on the nodes of a model: prescribed motion, body forces, surface pressure.
+
+`Model.prescribe`, `Model.body_force` and `Model.pressure` check what they are given and keep it as
+the plain records here; `Sampler` turns them into the numbers that a simulator takes each step.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from numbers import Real
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tledface import _core
+from tledface.errors import InputError
+
+if TYPE_CHECKING:
+    from tledface.model import Model
+
+__all__ = ["BodyForce", "Prescribed", "Pressure", "Sampler", "Values"]
+
+Floats = NDArray[np.float64]
+Nodes = NDArray[np.int64]
+ScalarOfTime = Callable[[float], float]
+FieldOfTime = Callable[[float, Floats], ArrayLike]
+
+
+@dataclass(frozen=True)
+class Prescribed:
+    """One displacement component of some nodes, m.
+
+    Attributes:
+        nodes: (n,) node indices.
+        component: 0, 1, 2 for x, y, z.
+        value: A number, (n,) numbers, a callable of t (s), or of t and X (n, 3).
+        by_node: The value is an array or takes X: one number a node.
+    """
+
+    nodes: Nodes
+    component: int
+    value: float | Floats | ScalarOfTime | FieldOfTime
+    by_node: bool
+
+    def without(self, nodes: Nodes) -> Prescribed | None:
+        """The same less some nodes; None when nothing is left."""
+        keep = ~np.isin(self.nodes, nodes)
+        if keep.all():
+            return self
+        value = self.value[keep] if isinstance(self.value, np.ndarray) else self.value
+        return replace(self, nodes=self.nodes[keep], value=value) if keep.any() else None
+
+    def scalar(self, t: float) -> float:
+        """The one value of all nodes at time ``t`` (s)."""
+        value = cast(ScalarOfTime, self.value)(t) if callable(self.value) else self.value
+        return _finite(value, f"prescribe: component {'xyz'[self.component]}", t)
+
+    def field(self, t: float, X: Floats) -> Floats:
+        """A value for each node, whose reference positions are ``X`` (n, 3), at ``t`` (s)."""
+        if not callable(self.value):
+            return cast(Floats, self.value)
+        got = np.asarray(cast(FieldOfTime, self.value)(t, X.copy()), dtype=np.float64)
+        if got.shape not in ((), (len(X),)) or not np.isfinite(got).all():
+            raise InputError(
+                f"prescribe: component {'xyz'[self.component]}: the callable gave shape "
+                f"{got.shape} at t = {t:g} s; allowed: a finite number or ({len(X)},) of them"
+            )
+        return np.broadcast_to(got, (len(X),))
+
+
+@dataclass(frozen=True)
+class BodyForce:
+    """A force for each volume of some elements.
+
+    Attributes:
+        elements: (m,) element indices.
+        force: (3,) or (m, 3) N/m3, or a callable of t (s) that gives (3,).
+    """
+
+    elements: Nodes
+    force: Floats | Callable[[float], ArrayLike]
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """A pressure on some boundary faces, along the deformed face's inward normal.
+
+    Attributes:
+        faces: (m, 4) node indices, counter-clockwise seen from outside.
+        value: Pa, positive pushes inwards: a number or a callable of t (s).
+    """
+
+    faces: NDArray[np.int32]
+    value: float | ScalarOfTime
+
+
+def prescribed_of(
+    nodes: Nodes, components: dict[str, Any], what: str = "prescribe"
+) -> list[Prescribed]:
+    """Records of ``{"x": value, ...}``; raises InputError for a bad key or value."""
+    if not isinstance(components, dict) or not components or set(components) - set("xyz"):
+        raise InputError(
+            f"{what}: got components {components!r}; allowed: a dict with some of the keys "
+            "'x', 'y', 'z', each a number, an array or a callable"
+        )
+    records = []
+    for name, value in components.items():
+        by_node = False
+        if callable(value):
+            by_node = _takes_positions(value)
+        elif isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value):
+            value = float(value)
+        else:
+            array = np.asarray(value)
+            good = array.dtype.kind in "iuf" and array.shape == (len(nodes),)
+            if not good or not np.isfinite(array).all():
+                raise InputError(
+                    f"{what}: component {name}: got {value!r}; allowed: metres as a finite "
+                    f"number or ({len(nodes)},) of them, callable(t) or callable(t, X)"
+                )
+            value, by_node = array.astype(np.float64), True
+        records.append(Prescribed(nodes, "xyz".index(name), value, by_node))
+    return records
+
+
+@dataclass(frozen=True)
+class Values:
+    """All that a schedule says of one moment: activations, values of channels, fields."""
+
+    activations: Floats
+    channels: Floats
+    fields: Floats
+
+
+@dataclass
+class Sampler:
+    """The conditions of a model as channels of a core simulator.
+
+    Channels are ordered loads, pressures, prescribed components. ``weight_density`` (n_elem,)
+    kg/m3: gravity acts as a force on this density instead of as an acceleration.
+    """
+
+    model: Model
+    weight_density: Floats | None = None
+    core: _core.Conditions = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Enter everything into the core's record."""
+        model = self.model
+        self.core = _core.Conditions()
+        self._loads: list[tuple[Callable[[float], ArrayLike], int] | None] = []
+        self._pressures = list(model.pressures)
+        self._scalars = [p for p in model.prescribed if not p.by_node]
+        self._fields = [p for p in model.prescribed if p.by_node]
+        loads = list(model.body_forces)
+        if self.weight_density is not None:
+            weight = self.weight_density[:, None] * model.gravity
+            loads.append(BodyForce(np.arange(model.n_elements), weight))
+        for load in loads:
+            self._add_body_force(load)
+        for pressure in model.pressures:
+            self.core.add_pressure(pressure.faces)
+        for record in self._scalars:
+            self.core.add_prescribed(3 * record.nodes + record.component)
+        for record in self._fields:
+            self.core.add_fields(3 * record.nodes + record.component)
+        self._positions = [model.nodes[record.nodes] for record in self._fields]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing to sample."""
+        return not (self._loads or self._pressures or self._scalars or self._fields)
+
+    @property
+    def has_fields(self) -> bool:
+        """Whether nodes of a prescribed record have values of their own."""
+        return bool(self._fields)
+
+    @property
+    def prescribes(self) -> bool:
+        """Whether any component is prescribed."""
+        return bool(self._scalars or self._fields)
+
+    def loads(self, t: float) -> Floats:
+        """Factors of the loads, then pressures (Pa), at time ``t`` (s)."""
+        factors = []
+        seen: dict[int, Floats] = {}
+        for load in self._loads:
+            if load is None:
+                factors.append(1.0)
+                continue
+            force, component = load
+            if id(force) not in seen:
+                seen[id(force)] = _finite_vector(force(t), "body_force", t)
+            factors.append(float(seen[id(force)][component]))
+        for pressure in self._pressures:
+            value = pressure.value(t) if callable(pressure.value) else pressure.value
+            factors.append(_finite(value, "pressure", t))
+        return np.array(factors, dtype=np.float64)
+
+    def scalars(self, t: float) -> Floats:
+        """Prescribed values that nodes share, m, at time ``t`` (s)."""
+        return np.array([record.scalar(t) for record in self._scalars], dtype=np.float64)
+
+    def fields(self, t: float) -> Floats:
+        """Prescribed values of each node of the fields, m, at time ``t`` (s)."""
+        if not self._fields:
+            return np.empty(0)
+        pairs = zip(self._fields, self._positions, strict=True)
+        return np.concatenate([record.field(t, X) for record, X in pairs])
+
+    def put_prescribed(self, u: Floats, core: _core.Simulator) -> None:
+        """Set prescribed components of ``u`` (n_nodes, 3) to their values after the next step."""
+        time = core.time_after(1)
+        for record, value in zip(self._scalars, self.scalars(time), strict=True):
+            u[record.nodes, record.component] = value
+        if not self._fields:
+            return
+        key = core.first_key()
+        begin, end = core.key_time(key), core.key_time(key + 1)
+        share = (time - begin) / (end - begin)
+        values = (1.0 - share) * self.fields(begin) + share * self.fields(end)
+        first = 0
+        for record in self._fields:
+            count = len(record.nodes)
+            u[record.nodes, record.component] = values[first : first + count]
+            first += count
+
+    def _add_body_force(self, load: BodyForce) -> None:
+        model = self.model
+        share = float(np.prod(model.voxel)) / 8.0
+        corners = model.elements[load.elements]
+        if callable(load.force):
+            weight = np.zeros(model.n_nodes)
+            np.add.at(weight, corners, share)
+            nodes = np.flatnonzero(weight)
+            for component in range(3):
+                self.core.add_load(3 * nodes + component, weight[nodes])
+                self._loads.append((load.force, component))
+            return
+        force = np.zeros((model.n_nodes, 3))
+        by_element = np.broadcast_to(load.force, (len(load.elements), 3)) * share
+        np.add.at(force, corners, by_element[:, None, :])
+        dofs = np.flatnonzero(force)
+        self.core.add_load(dofs, force.ravel()[dofs])
+        self._loads.append(None)
+
+
+def prescribed_mask(model: Model) -> NDArray[np.bool_]:
+    """Which components of a model's nodes are prescribed, (n_nodes, 3)."""
+    mask = np.zeros((model.n_nodes, 3), dtype=bool)
+    for record in model.prescribed:
+        mask[record.nodes, record.component] = True
+    return mask
+
+
+def is_scalar_of_time(value: object) -> bool:
+    """Whether ``value`` is a callable or a finite number."""
+    if callable(value):
+        return True
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _takes_positions(function: Callable[..., Any]) -> bool:
+    """Whether a callable takes (t, X) rather than (t): by its required arguments."""
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    required = [p for p in parameters if p.kind in positional and p.default is p.empty]
+    return len(required) > 1
+
+
+def _finite(value: Any, what: str, t: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not math.isfinite(number):
+        raise InputError(f"{what}: got {value!r} at t = {t:g} s; allowed: a finite number")
+    return number
+
+
+def _finite_vector(value: ArrayLike, what: str, t: float) -> Floats:
+    vector = np.asarray(value, dtype=np.float64)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise InputError(f"{what}: got {value!r} at t = {t:g} s; allowed: three finite numbers")
+    return vector

@@ -1,0 +1,263 @@
+"""The time step of a simulation: its limit, looked at again during the run, and mass scaling."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tledface import _core
+from tledface.errors import InputError
+
+__all__ = [
+    "RELIEFS",
+    "AddedMass",
+    "StepWarning",
+    "StepWatch",
+    "added_mass",
+    "checked_scaling",
+    "scaled_density",
+    "scaling_of",
+    "scaling_options",
+]
+
+Floats = NDArray[np.float64]
+
+# Share of the limit that dt="auto" takes, and the share that it may reach before it is lowered.
+# The estimate of the limit is a few percent low itself.
+SAFETY, _TAUT = 0.8, 0.88
+# Shares of the bound's stiffness that selective mass scaling tries, the first that does is taken.
+RELIEFS = (0.5, 0.6, 0.75, 1.0)
+# Steps between two looks at the state (finite? the limit for the strain of now?): few at first and
+# while the limit is falling, then more. A look costs as much as some 20 steps.
+_FIRST_CHECK, _LAST_CHECK = 8, 512
+# The limit is falling when a look finds it lower than this share of the one before.
+_FALLING = 0.98
+# Shares of a fibre's stretch that it may reach until the next look: contraction stiffens it. Far
+# down after an activation has jumped.
+_REACH_LOW, _JUMP_LOW, _REACH_HIGH = 0.8, 0.5, 1.1
+# An activation this far above those of the last look asks for a new one.
+_RISE = 0.05
+# Times at which the activations until the next look are sampled.
+_AHEAD = 9
+
+
+class StepWarning(RuntimeWarning):
+    """A given dt may be above the limit by now."""
+
+
+# Inertia a thousand times the tissue's is no longer that of tissue.
+_MOST_ADVISED_SCALING = 1000.0
+
+
+class StepWatch:
+    """Looks at the limit every some steps and lowers an automatic dt in time.
+
+    A look takes each activation at its highest until the next one; an activation that rises
+    above that brings the next look forward.
+
+    Args:
+        core: The simulator.
+        name_of: Name of an element's tissue or muscle, for messages.
+        dt: "auto", or seconds.
+        scaling: The mass scaling where it is one factor, for advice.
+        n_muscles: Number of activations.
+
+    Raises:
+        InputError: ``dt`` is not allowed, or above the limit at rest.
+    """
+
+    def __init__(
+        self,
+        core: _core.Simulator,
+        name_of: Callable[[int], str],
+        dt: float | str,
+        scaling: float | None,
+        n_muscles: int,
+    ) -> None:
+        """See the class."""
+        self._core, self._name_of = core, name_of
+        self.auto = dt == "auto"
+        rest = np.zeros(n_muscles)
+        enough = math.inf if isinstance(dt, str) else float(dt)
+        self.rest_limit, _, self.critical, _ = core.limit_now(rest, enough)
+        core.dt = self._first_dt(dt, scaling)
+        self.warned = False
+        self.restart(stale=False)
+
+    @property
+    def auto_dt(self) -> float:
+        """What dt="auto" takes at rest, s."""
+        return SAFETY * self.rest_limit
+
+    def restart(self, *, stale: bool = True) -> None:
+        """A new state was given: look soon, and before the next step where it is not rest."""
+        self.check_interval = self.until_check = _FIRST_CHECK
+        self.stale = stale
+        self.last_bound, self.stiffest = self.rest_limit, self.critical
+        self.expected = np.zeros(0)
+
+    def admitted(self, activations: Floats) -> int:
+        """How many of the next steps, activations (n, n_muscles), the last look allowed for."""
+        if self.stale:
+            return 0
+        expected = self.expected if len(self.expected) else np.zeros(activations.shape[1])
+        rising = (activations > expected + _RISE).any(axis=1)
+        return int(np.argmax(rising)) if rising.any() else len(activations)
+
+    def look(self, sample: Callable[[NDArray[np.int64]], Floats], *, early: bool = False) -> None:
+        """Find the limit of now; lower an automatic dt, or warn of a given one.
+
+        Args:
+            sample: The activations after some numbers of steps, (n,) -> (n, n_muscles).
+            early: The look was brought forward by a rising activation.
+        """
+        core = self._core
+        self.stale = False
+        ahead = np.linspace(0, self.check_interval, _AHEAD).astype(np.int64)
+        self.expected = sample(ahead).max(axis=0, initial=0.0)
+        enough = core.dt / _TAUT if self.auto else core.dt
+        low = _JUMP_LOW if early else _REACH_LOW
+        # After a jump the node bound alone: it leaves room for the strain that comes.
+        limit, _, stiffest, _ = core.limit_now(
+            self.expected, 0.0 if early else enough, low, _REACH_HIGH
+        )
+        falling = early or limit < _FALLING * self.last_bound
+        self.check_interval = (
+            max(_FIRST_CHECK, self.check_interval // 2)
+            if falling
+            else min(_LAST_CHECK, 2 * self.check_interval)
+        )
+        if early:
+            self.check_interval = _FIRST_CHECK
+        self.until_check = self.check_interval
+        self.last_bound, self.stiffest = limit, stiffest
+        if not 0.0 < limit < enough:
+            return
+        if self.auto:
+            core.dt = SAFETY * limit
+        elif not self.warned:
+            self.warned = True
+            warnings.warn(
+                f"dt = {core.dt:.3g} s may be above the stable limit of now, {limit:.3g} s near "
+                f"element {stiffest} ({self._name_of(stiffest)}), at t = {core.time:.6g} s; take a "
+                "smaller dt, dt='auto' or mass_scaling",
+                StepWarning,
+                stacklevel=4,
+            )
+
+    def _first_dt(self, dt: float | str, scaling: float | None) -> float:
+        if isinstance(dt, str):
+            if dt != "auto":
+                raise InputError(f"dt: got {dt!r}; allowed: 'auto' or seconds")
+            if not math.isfinite(self.rest_limit):
+                raise InputError("dt: every node is fixed, nothing can move; free some nodes")
+            return self.auto_dt
+        if dt > self.rest_limit:
+            scaled = 1.0 if scaling is None else scaling
+            factor = scaled * (dt / self.rest_limit) ** 2
+            advice = "a smaller step or 'auto'"
+            if scaling is None:
+                advice += ", or more mass_scaling"
+            elif factor <= _MOST_ADVISED_SCALING:
+                advice += f", or mass_scaling = {factor:.2g}"
+            raise InputError(
+                f"dt: got {dt:.3g} s, above the stable bound {self.rest_limit:.3g} s set by "
+                f"{self._name_of(self.critical)}; take {advice}"
+            )
+        return float(dt)
+
+
+@dataclass(frozen=True)
+class AddedMass:
+    """Mass that mass scaling added.
+
+    Attributes:
+        kg: The mass added.
+        share: Over the true mass.
+        elements: How many elements it went to.
+    """
+
+    kg: float
+    share: float
+    elements: int
+
+
+def checked_scaling(scaling: Any) -> float | dict[str, float] | None:
+    """Mass scaling as given to `Simulator`, checked.
+
+    Returns:
+        None; a factor of at least 1 on every density; or ``{"dt": seconds}``.
+
+    Raises:
+        InputError: anything else.
+    """
+    if scaling is None:
+        return None
+    if isinstance(scaling, Mapping) and set(scaling) == {"dt"} and _is_positive(scaling["dt"]):
+        return {"dt": float(scaling["dt"])}
+    if _is_positive(scaling) and scaling >= 1.0:
+        return float(scaling)
+    raise InputError(
+        f"mass_scaling: got {scaling!r}; allowed: a factor of 1 or more, or {{'dt': seconds}}"
+    )
+
+
+def scaling_options(scaling: float | dict[str, float] | None) -> dict[str, float]:
+    """Mass scaling as plain numbers, for a file; `scaling_of` reads them again."""
+    if isinstance(scaling, dict):
+        return {"mass_scaling_dt": scaling["dt"]}
+    return {"mass_scaling": 1.0 if scaling is None else scaling}
+
+
+def scaling_of(options: dict[str, Any]) -> dict[str, Any]:
+    """The options with what `scaling_options` wrote as an argument of `Simulator` again."""
+    rest = dict(options)
+    if "mass_scaling_dt" in rest:
+        rest["mass_scaling"] = {"dt": rest.pop("mass_scaling_dt")}
+    return rest
+
+
+def scaled_density(
+    core_model: _core.VoxelModel,
+    density: Floats,
+    scaling: float | dict[str, float] | None,
+    relief: float = 1.0,
+) -> Floats:
+    """Density of each element with mass scaling, kg/m3.
+
+    Args:
+        core_model: The model, for the stiffness of its elements.
+        density: (n_elem,) kg/m3.
+        scaling: As `checked_scaling` gives it. ``{"dt": seconds}``: elements whose own bound,
+            fibres at their steepest, does not allow dt="auto" this step at rest are made as heavy
+            as that needs.
+        relief: Share of the stiffness that is taken for that. 1 is sure to do; the bound of an
+            element is below the operator's limit, so that less may do too.
+    """
+    if scaling is None:
+        return density
+    if isinstance(scaling, dict):
+        needed = _core.element_stiffness(core_model) * (scaling["dt"] / SAFETY) ** 2
+        return np.maximum(density, relief * needed)
+    return density * scaling
+
+
+def added_mass(density: Floats, scaled: Floats, volume: float) -> AddedMass:
+    """What a change of density (n_elem,) kg/m3 adds to elements of one volume, m3."""
+    kg = float((scaled - density).sum()) * volume
+    return AddedMass(
+        kg=kg,
+        share=kg / (float(density.sum()) * volume),
+        elements=int(np.count_nonzero(scaled > density)),
+    )
+
+
+def _is_positive(value: Any) -> bool:
+    good = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    return good and math.isfinite(value) and value > 0
