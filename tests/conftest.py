@@ -1,5 +1,7 @@
 """Options, data and executors that all tests share."""
 
+import importlib
+import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +41,54 @@ def _executors():
 EXECUTORS = _executors()
 
 
+FIGURES = pytest.StashKey[list]()
+
+
+def pytest_configure(config):
+    config.stash[FIGURES] = []
+
+
+def pytest_sessionfinish(session):
+    path = session.config.getoption("--figures")
+    if path:
+        Path(path).write_text(json.dumps(session.config.stash[FIGURES], indent=1) + "\n")
+
+
+@pytest.fixture
+def figure(request):
+    """Check a figure and keep it for the verification page (docs/make_verification.py).
+
+    ``figure(what, got, expected, rel=..)``: within a share of the expected; ``absolute=..``: within
+    an amount; ``at_most=..``: an error that must not pass a limit (nothing expected).
+    """
+
+    def check(what, got, expected=None, *, rel=None, absolute=None, at_most=None):
+        got = float(got)
+        if at_most is not None:
+            tolerance, good = f"≤ {at_most:g}", got <= at_most
+        elif rel is not None:
+            tolerance, good = f"± {100 * rel:g} %", abs(got - expected) <= rel * abs(expected)
+        else:
+            tolerance, good = f"± {absolute:g}", abs(got - expected) <= absolute
+        callspec = getattr(request.node, "callspec", None)
+        request.config.stash[FIGURES].append(
+            {
+                "page": request.node.path.stem.removeprefix("test_"),
+                "test": request.node.originalname,
+                "case": callspec.id if callspec else "",
+                "what": what,
+                "expected": expected,
+                "got": got,
+                "tolerance": tolerance,
+            }
+        )
+        assert good, f"{what}: got {got:.6g}, expected {expected}, allowed {tolerance}"
+
+    return check
+
+
 def pytest_addoption(parser):
+    parser.addoption("--figures", default=None, help="write every checked figure to this file")
     parser.addoption("--run-slow", action="store_true", help="run the long studies too")
 
 
@@ -49,6 +98,16 @@ def pytest_collection_modifyitems(config, items):
         for item in items:
             if "slow" in item.keywords:
                 item.add_marker(skip)
+
+
+def required(module):
+    """Import a module of the ``test`` extra; where it is missing skip, or fail if all must run."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        if os.environ.get("TLEDFACE_REQUIRE_OPENCL") == "1":
+            pytest.fail(f"{module} is needed here: {error}")
+        pytest.skip(f"{module} is not installed")
 
 
 def pytest_sessionstart(session):
@@ -67,7 +126,17 @@ def executor(request):
 @pytest.fixture(scope="session")
 def shared_data():
     """The folder of real anatomy, where this machine has it."""
-    root = Path(os.environ.get("TLEDFACE_SHARED", REPOSITORY.parent / "shared"))
-    if not (root / "data").is_dir():
-        pytest.skip("the shared anatomy data are not on this machine")
-    return root / "data"
+    return _shared("data", "anatomy surfaces")
+
+
+@pytest.fixture(scope="session")
+def shared_refs():
+    """The folder of independent reference results, where this machine has it."""
+    return _shared("refs", "independent reference results")
+
+
+def _shared(folder, what):
+    path = Path(os.environ.get("TLEDFACE_SHARED") or REPOSITORY.parent / "shared") / folder
+    if not path.is_dir():
+        pytest.skip(f"{what} are not on this machine")
+    return path

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 import tledface as tf
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "verification"))
@@ -57,8 +58,14 @@ def test_number_of_bands_does_not_change_a_bit():
     results = []
     for n_bands in (1, 2, 3, 7, 11):
         core = tf.simulator._core.Simulator(
-            tf.device.resolve("native"), tf.simulator._core_model(model), precision="single",
-            hourglass="physical", kappa=0.075, damping=0.0, mass_scaling=1.0, n_bands=n_bands,
+            tf.device.resolve("native"),
+            tf.simulator.core_model(model),
+            precision="single",
+            hourglass="physical",
+            kappa=0.075,
+            damping=0.0,
+            mass_scaling=1.0,
+            n_bands=n_bands,
         )
         core.dt = 0.9 * core.bound_at_rest()[0]
         core.step(60, np.zeros((60, 0)))
@@ -75,18 +82,25 @@ def test_empty_voxels_stay_out(executor):
     u = 2e-5 * rng.standard_normal((model.n_nodes, 3))
     sim = tf.Simulator(model, precision="double", **executor.kwargs)
     sim.set_state(u)
-    assert abs(sim.internal_force() - naive_force(model, u)).max() <= 1e-10 * abs(
-        naive_force(model, u)
-    ).max()
+    assert (
+        abs(sim.internal_force() - naive_force(model, u)).max()
+        <= 1e-10 * abs(naive_force(model, u)).max()
+    )
 
 
 def test_wild_motion_beside_empty_voxels_makes_no_nan(executor):
     """Two bodies that fly through each other leave wild F in the voxels between them."""
-    keep = np.array([[i, j, k] for i in (*range(5), *range(7, 12)) for j in range(3)
-                     for k in range(3)], np.int32)
+    keep = np.array(
+        [[i, j, k] for i in (*range(5), *range(7, 12)) for j in range(3) for k in range(3)],
+        np.int32,
+    )
     model = tf.Model.from_voxels(
-        voxel=np.full(3, 1e-3), origin=np.zeros(3), cells=keep, tissues=["t"],
-        tissue_materials=[soft()], fractions=np.ones((len(keep), 1)),
+        voxel=np.full(3, 1e-3),
+        origin=np.zeros(3),
+        cells=keep,
+        tissues=["t"],
+        tissue_materials=[soft()],
+        fractions=np.ones((len(keep), 1)),
     )
     u = np.zeros((model.n_nodes, 3))
     u[model.nodes[:, 0] > 6e-3] = (-8e-3, 2e-3, 50.0)
@@ -101,8 +115,10 @@ def test_wild_motion_beside_empty_voxels_makes_no_nan(executor):
 
 def naive_force(model, u):
     """Forces element by element from stored gradients: no blocks, no transforms, no rows."""
-    signs = np.array([[-1, 1, 1, -1, -1, 1, 1, -1], [-1, -1, 1, 1, -1, -1, 1, 1],
-                      [-1, -1, -1, -1, 1, 1, 1, 1]], float)
+    signs = np.array(
+        [[-1, 1, 1, -1, -1, 1, 1, -1], [-1, -1, 1, 1, -1, -1, 1, 1], [-1, -1, -1, -1, 1, 1, 1, 1]],
+        float,
+    )
     h = model.voxel
     dNdX = signs / (4 * h[:, None])
     V = np.prod(h)

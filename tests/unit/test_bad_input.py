@@ -1,11 +1,13 @@
 """Bad input through the real command line: one clear line, exit code 2, nothing written."""
 
+import tomllib
+
 import numpy as np
 import pytest
-import tomllib
 import trimesh
-from tledface.examples import flat_block
 from typer.testing import CliRunner
+
+from tledface.examples import flat_block
 
 
 @pytest.fixture
@@ -14,7 +16,9 @@ def scene(tmp_path):
     trimesh.creation.box(bounds=[[0, 0, 0], [10, 8, 6]]).export(tmp_path / "skin.stl")
     trimesh.creation.box(bounds=[[2, 2, 1], [8, 6, 3]]).export(tmp_path / "muscle.stl")
     text = flat_block.write(tmp_path / "template").read_text()
-    text = text.replace("frontalis.stl", "muscle.stl").replace("voxel = [0.5, 0.5, 0.5]", "voxel = 1")
+    text = text.replace("frontalis.stl", "muscle.stl").replace(
+        "voxel = [0.5, 0.5, 0.5]", "voxel = 1"
+    )
     start = text.index("outer =")
     text = text[:start] + text[text.index("\n", start) + 1 :]
     path = tmp_path / "scene.toml"
@@ -23,16 +27,17 @@ def scene(tmp_path):
     return path
 
 
-def refuse(scene, *arguments):
+def refuse(scene, *arguments, verb="run"):
     from tledface.cli import app
 
     out = scene.parent / "out"
-    result = CliRunner().invoke(app, ["run", str(scene), "-o", str(out), "--quiet", *arguments])
+    output = ["-o", str(out)] if verb == "run" else []
+    result = CliRunner().invoke(app, [verb, str(scene), *output, "--quiet", *arguments])
     lines = result.stderr.strip().splitlines()
     assert result.exit_code == 2, result.output
     assert len(lines) == 1, lines
     assert lines[0].startswith("tledface: error: ")
-    assert not out.exists() or not any(out.iterdir())
+    assert not out.exists()
     return lines[0]
 
 
@@ -94,13 +99,20 @@ def test_unit_missing(scene):
 def test_voxels_too_small_for_the_memory(scene):
     edit(scene, "voxel = 1", "voxel = 0.002")
     line = refuse(scene)
-    assert "voxel" in line and "GB" in line or "GiB" in line
+    assert "voxel" in line and ("GB" in line or "GiB" in line)
 
 
 def test_dt_above_the_bound(scene):
     edit(scene, 'dt = "auto"', 'dt = "1 ms"')
     line = refuse(scene)
     assert "dt" in line and "bound" in line
+
+
+def test_duration_shorter_than_a_step(scene):
+    edit(scene, '"0.5 ms"', '"0.1 us"')
+    line = refuse(scene)
+    assert "solver.duration: got 1e-07 s, shorter than one step of" in line
+    assert "shorter than one step" in refuse(scene, verb="check")
 
 
 def test_no_such_device(scene):

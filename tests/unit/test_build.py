@@ -1,10 +1,8 @@
 """Scenes built into models: the flat block, errors, muscles, held nodes, real anatomy."""
 
-import os
 import re
 import time
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,11 +20,6 @@ MATERIAL = {
     "poissons_ratio": 0.49,
     "density": "1000 kg/m^3",
 }
-ANATOMY = (
-    Path(os.environ.get("TLEDFACE_SHARED") or Path(__file__).parents[3] / "shared")
-    / "data"
-    / "bodyparts3d"
-)
 
 
 def export(mesh, path):
@@ -221,16 +214,16 @@ def test_fixed_box_without_nodes_warns(tmp_path):
         assert build(tmp_path).report["warnings"] == []
 
 
-@pytest.mark.skipif(not ANATOMY.is_dir(), reason="anatomy surfaces (bodyparts3d) not there")
-def test_forehead_from_anatomy(tmp_path):
+def test_forehead_from_anatomy(shared_data, tmp_path):
+    anatomy = shared_data / "bodyparts3d"
     muscle = tables(tmp_path)["muscles"][0] | {
         "name": "frontalis",
-        "surfaces": [str(ANATOMY / f"FMA{number}.obj") for number in (46759, 46760)],
+        "surfaces": [str(anatomy / f"FMA{number}.obj") for number in (46759, 46760)],
         "fibre": "long-axis",
     }
     geometry = {
-        "skin": str(ANATOMY / "derived_skin_closed.ply"),
-        "bones": [str(ANATOMY / "FMA52734.obj")],
+        "skin": str(anatomy / "derived_skin_closed.ply"),
+        "bones": [str(anatomy / "FMA52734.obj")],
         "voxel": 1.0,
         "depth": 6.0,
         "region": [[-50, -200, 1535], [50, -135, 1610]],

@@ -5,15 +5,15 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-import fake_run
 import pytest
 from typer.testing import CliRunner
 
+import fake_run
 from tledface.cli import app
 from tledface.errors import SimulationError
 from tledface.scene import Scene
 
-VERBS = ("doctor", "demo", "examples", "new", "check", "build", "run", "bench", "schema")
+VERBS = ("doctor", "demo", "examples", "new", "check", "build", "run", "resume", "bench", "schema")
 
 
 @pytest.fixture
@@ -60,9 +60,83 @@ def test_version(call):
     assert result.stdout.startswith("tledface 0.")
 
 
-@pytest.mark.parametrize("words", [["fly"], ["run"], ["run", "x.toml"], ["check", "--fast"]])
-def test_wrong_usage_is_exit_code_2(call, words):
-    assert call(*words).exit_code == 2
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("fly", "'fly': no such verb; allowed: doctor, demo"),
+        ("rnu x.toml", "'rnu': no such verb; nearest: run; allowed: doctor"),
+        ("run", "missing argument 'SCENE|MODEL'; `tledface run --help`"),
+        ("run x.toml", "missing option '-o'"),
+        ("run x.toml -o", "option '-o' requires an argument"),
+        ("check --fast", "no such option: --fast"),
+        ("--fast check", "no such option: --fast"),
+        ("examples more", "unexpected extra argument"),
+    ],
+)
+def test_wrong_usage_is_one_line(call, words, message):
+    assert message in error_line(call(*words.split()))
+
+
+def test_no_words_show_the_help(call):
+    assert "Usage: " in call().output
+    assert "[OPTIONS] [NAME]" in call("demo", "--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("brow.h5", "brow.h5: is a model file; use `tledface run`"),
+        ("skin.STL", "skin.STL: is a surface; a scene file (.toml) names it"),
+        ("folder", "folder: is a folder; give a scene file (.toml)"),
+        ("a/none.toml", "a/none.toml: no such scene file; `tledface new a/none.toml` writes"),
+        ("none.stl", "none.stl: no such scene file; give a scene file (.toml)"),
+    ],
+)
+def test_what_is_no_scene_is_named(call, tmp_path, name, message):
+    (tmp_path / "folder").mkdir()
+    for file in ("brow.h5", "skin.STL"):
+        (tmp_path / file).touch()
+    assert message in error_line(call("check", name))
+
+
+def test_missing_surfaces_are_all_named(call, tmp_path):
+    scene = fake_run.write_scene(tmp_path)
+    (tmp_path / "skin.stl").unlink()
+    (tmp_path / "pull.stl").unlink()
+    line = error_line(call("check", scene))
+    assert "geometry.skin: file not found: " in line
+    assert f'also not found: "{tmp_path / "pull.stl"}"; give paths' in line
+    assert "more problem" not in line
+
+
+def test_a_model_is_built_into_hdf5_only(call, tmp_path):
+    assert "allowed: .h5, .hdf5" in error_line(
+        call("build", fake_run.write_scene(tmp_path), "-o", "brow.txt")
+    )
+    assert not (tmp_path / "brow.txt").exists()
+
+
+@pytest.mark.parametrize(
+    ("every", "end"),
+    [("1 ms", "`tledface resume out` goes on"), ("off", "there is no checkpoint")],
+)
+def test_an_interrupted_run_says_how_it_goes_on(call, tmp_path, monkeypatch, every, end):
+    monkeypatch.setattr(fake_run.FakeSimulator, "fail_at", 0.004)
+    monkeypatch.setattr(fake_run, "SimulationError", KeyboardInterrupt)
+    monkeypatch.setattr("tledface.checkpoint.save", lambda sim, path, **_: path.touch())
+    text = fake_run.SCENE + f'checkpoint_every = "{every}"\n'
+    result = call("run", fake_run.write_scene(tmp_path, text), "-o", "out", "-q")
+    assert result.exit_code == 130
+    assert result.stderr == f"tledface: interrupted at t = 0.004 s; frames are in out; {end}\n"
+
+
+def test_interrupted_before_a_run(call, tmp_path, monkeypatch):
+    def stop(self):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Scene, "build", stop)
+    result = call("check", fake_run.write_scene(tmp_path))
+    assert (result.exit_code, result.stderr) == (130, "tledface: interrupted\n")
 
 
 def test_new_then_check(call, tmp_path):
@@ -170,12 +244,21 @@ def test_demo_never_replaces_a_run_of_something_else(call, tmp_path, demo_module
 
 def test_unknown_demo_names_the_nearest(call, demo_module):
     assert "nearest: flat-block" in error_line(call("demo", "flat-blok"))
+    assert "nearest" not in error_line(call("demo", "xyz"))
+
+
+def test_a_demo_without_its_device_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("flat-block", "film"):
+        result = CliRunner().invoke(app, ["demo", name, "--device", "opencl:77"])
+        assert "opencl:77" in error_line(result)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_examples(call):
     result = call("examples", "--list")
     assert result.exit_code == 0
-    assert result.stdout.startswith("flat-block")
+    assert "flat-block" in result.stdout
     assert "flat-block" in json.loads(call("examples", "--json").stdout)["examples"]
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from conftest import required
 from tledface import _core, doctor
 from tledface.device import Device, devices, pyopencl_queue, resolve
 from tledface.errors import InputError, SimulationError
@@ -360,7 +361,7 @@ def test_preferred_lanes(any_device):
 
 
 def pyopencl_device(handle_of):
-    cl = pytest.importorskip("pyopencl")
+    cl = required("pyopencl")
     try:
         listed = [device for platform in cl.get_platforms() for device in platform.get_devices()]
     except cl.Error as error:  # no driver is registered with pyopencl's loader

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from conftest import required
 from tledface.constitutive import material
 from tledface.errors import InputError
 from tledface.io.surfaces import SURFACE_ENDINGS, write_surface
@@ -137,7 +138,7 @@ def test_an_unknown_ending_is_named(model, tmp_path):
 
 
 def vtk_steps(path):
-    hdf = pytest.importorskip("vtkmodules.vtkIOHDF", reason="vtk is not installed")
+    hdf = required("vtkmodules.vtkIOHDF")
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
 
@@ -262,3 +263,125 @@ os._exit(9)
     times, steps = vtk_steps(tmp_path / "run.part.vtkhdf")
     assert times == [0.0, 1.0, 2.0]
     assert (steps[2][2]["displacement"] == 2.0).all()
+
+
+def bytes_outside_frames(path):
+    """A time series file without its frames' data."""
+    data = bytearray(path.read_bytes())
+    with h5py.File(path) as file:
+        fields = [*file["VTKHDF/PointData"].values()]
+        fields += [x for x in (file["VTKHDF/Points"],) if x.chunks]
+        places = [
+            field.id.get_chunk_info(n)
+            for field in fields
+            if field.chunks
+            for n in range(field.id.get_num_chunks())
+        ]
+        ends = [attribute_of(file)]
+    for place in places:
+        data[place.byte_offset : place.byte_offset + place.size] = bytes(place.size)
+    return bytes(data), ends
+
+
+def attribute_of(file):
+    return int(file["VTKHDF/Steps"].attrs["NSteps"])
+
+
+def test_frames_in_reserved_space_leave_the_file_s_structure_alone(model, tmp_path):
+    """A kill at any moment finds the same trees, with other numbers in the same places."""
+    u = np.random.default_rng(5).normal(size=(6, *model.nodes.shape))
+    writer = VTKHDFWriter(tmp_path / "run.vtkhdf", model, surface="skin", frames=6)
+    seen = {"run.part.vtkhdf": [], "run_surface.part.vtkhdf": []}
+    for step in range(6):
+        writer.append(float(step), u[step])
+        for name, found in seen.items():
+            found.append(bytes_outside_frames(tmp_path / name))
+    writer.close()
+    for found in seen.values():
+        assert [steps for _, (steps,) in found] == [1, 2, 3, 4, 5, 6]
+        (first, _), *others = found
+        for data, _ in others:
+            changed = sum(a != b for a, b in zip(first, data, strict=True))
+            # The extents of a dozen tables, their rows, and the number of steps.
+            assert changed < 12 * (8 + 6 * 8) + 8
+
+
+def test_a_killed_series_goes_on_from_a_checkpoint(model, tmp_path):
+    u = np.random.default_rng(5).normal(size=(6, *model.nodes.shape)).astype(np.float32)
+    path = tmp_path / "run.vtkhdf"
+
+    def write(writer, steps):
+        for step in steps:
+            writer.append(float(step), u[step], speed=u[step, :, 0])
+
+    with VTKHDFWriter(tmp_path / "whole.vtkhdf", model, surface="skin", frames=6) as writer:
+        write(writer, range(6))
+    killed = VTKHDFWriter(path, model, surface="skin", frames=6)
+    write(killed, range(4))
+    with pytest.raises(InputError, match="another process is writing it"):
+        in_another_process(VTKHDFWriter.reopen, path, model, "skin", keep=2)
+    killed.sync()
+    killed._file.close()
+    killed._surface_writer._file.close()
+    with VTKHDFWriter.reopen(path, model, "skin", keep=2) as writer:
+        assert writer.n_steps == 2
+        with pytest.raises(InputError, match="above the last one, 1 s"):
+            writer.append(1.0, u[0], speed=u[0, :, 0])
+        write(writer, (2,))
+    # Closed early, so under its final name: that is gone back to as well.
+    with VTKHDFWriter.reopen(path, model, "skin", keep=1) as writer:
+        write(writer, range(1, 6))
+    for end in (".vtkhdf", "_surface.vtkhdf"):
+        with (
+            h5py.File(tmp_path / f"whole{end}") as whole,
+            h5py.File(tmp_path / f"run{end}") as run,
+        ):
+            names = []
+            whole.visit(names.append)
+            for name in names:
+                if isinstance(whole[name], h5py.Dataset):
+                    assert np.array_equal(whole[name][()], run[name][()]), name
+            assert attribute_of(whole) == attribute_of(run) == 6
+
+
+def in_another_process(reopen, *arguments, keep):
+    """What another process sees: HDF5 takes two openings of one process for the same."""
+    model = arguments[1]
+    model.save(arguments[0].with_name("model.h5"))
+    program = f"""
+from tledface.io.vtkhdf import VTKHDFWriter
+from tledface.model import Model
+VTKHDFWriter.reopen({str(arguments[0])!r}, Model.load({str(arguments[0].with_name("model.h5"))!r}),
+                    {arguments[2]!r}, keep={keep})
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    raise InputError(done.stderr.splitlines()[-1])
+
+
+def test_series_that_cannot_go_on_are_named(model, tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    with pytest.raises(InputError, match="no such file"):
+        VTKHDFWriter.reopen(path, model, None, keep=1)
+    with VTKHDFWriter(path, model) as writer:
+        writer.append(0.0, np.zeros_like(model.nodes))
+    with pytest.raises(InputError, match="holds 1 frames, the checkpoint was made after 2"):
+        VTKHDFWriter.reopen(path, model, None, keep=2)
+    path = path.with_name("run.part.vtkhdf")
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(InputError, match="damaged"):
+        VTKHDFWriter.reopen(tmp_path / "run.vtkhdf", model, None, keep=1)
+
+
+def test_vtk_reads_a_series_that_ended_early(model, tmp_path):
+    u = np.ones_like(model.nodes)
+    with VTKHDFWriter(tmp_path / "run.vtkhdf", model, surface="skin", frames=9) as writer:
+        for step in range(3):
+            writer.append(0.5 * step, step * u)
+    for name in ("run", "run_surface"):
+        times, steps = vtk_steps(tmp_path / f"{name}.vtkhdf")
+        assert times == [0.0, 0.5, 1.0]
+        assert len(steps) == 3
+    assert (vtk_steps(tmp_path / "run.vtkhdf")[1][2][2]["displacement"] == 2.0).all()

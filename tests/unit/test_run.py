@@ -2,12 +2,12 @@
 
 import json
 
-import fake_run
 import h5py
 import numpy as np
 import pytest
 import trimesh
 
+import fake_run
 from tledface.errors import InputError, SimulationError
 from tledface.model import Model
 from tledface.output import earlier_run

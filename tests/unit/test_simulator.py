@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+
 import tledface as tf
+from conftest import required
 from tledface.errors import InputError, SimulationError
 
 
@@ -78,9 +80,8 @@ def test_steps_in_pieces_equal_steps_at_once():
             sim.step(n)
         results.append(sim.u)
     assert abs(results[0]).max() > 1e-6
-    # The clock is summed piece by piece, so the activation may differ in its last digit.
     for result in results[1:]:
-        assert abs(result - results[0]).max() <= 1e-5 * abs(results[0]).max()
+        assert np.array_equal(result, results[0])
 
 
 def test_free_fall_is_exact_from_the_first_step():
@@ -126,7 +127,7 @@ def test_fixed_components_stay():
 
 def test_array_is_the_displacement_of_the_device(executor):
     if executor.device != "native":
-        pytest.importorskip("pyopencl")
+        required("pyopencl")
     sim = tf.Simulator(small_model(), **executor.kwargs)
     sim.activate("m", 0.4)
     sim.step(25)
@@ -142,7 +143,7 @@ def test_array_is_the_displacement_of_the_device(executor):
 
 
 def test_pyopencl_device_is_taken():
-    pyopencl = pytest.importorskip("pyopencl")
+    pyopencl = required("pyopencl")
     platforms = [d for p in pyopencl.get_platforms() for d in p.get_devices()]
     if not platforms:
         pytest.skip("pyopencl lists no device")
@@ -175,7 +176,7 @@ def test_sudden_full_contraction_stays_finite_with_auto_dt():
     sim.activate("strong", 1.0)
     sim.step(4000)
     assert np.isfinite(sim.u).all()
-    assert sim.dt <= before
+    assert sim.dt < before
 
 
 def test_surface_follows_the_voxels():
@@ -186,8 +187,61 @@ def test_surface_follows_the_voxels():
     mesh = sim.surface("surface")
     rest = model.surfaces["surface"].vertices
     assert np.allclose(
-        mesh.vertices, rest + rest @ np.array([[0.1, 0, 0], [0, -0.05, 0.02], [0, 0, 0.03]]),
+        mesh.vertices,
+        rest + rest @ np.array([[0.1, 0, 0], [0, -0.05, 0.02], [0, 0, 0.03]]),
         atol=1e-8,
     )
     with pytest.raises(InputError, match="this model has"):
         sim.surface("skin")
+
+
+def _step_in_child(queue):
+    sim = tf.Simulator(small_model(), device="native")
+    sim.activate("m", 0.4)
+    sim.step(50)
+    queue.put(sim.u)
+
+
+def test_a_forked_process_simulates_too():
+    """A child process has none of its parent's threads; it must not wait for them."""
+    import multiprocessing
+
+    sim = tf.Simulator(small_model(), device="native")
+    sim.activate("m", 0.4)
+    sim.step(50)
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    child = context.Process(target=_step_in_child, args=(queue,))
+    child.start()
+    try:
+        assert np.array_equal(queue.get(timeout=60), sim.u)
+    finally:
+        child.kill()
+
+
+def test_reading_from_another_thread_does_not_disturb_the_steps(executor):
+    import threading
+
+    def run(read):
+        sim = tf.Simulator(small_model(), **executor.kwargs)
+        sim.activate("m", 0.4)
+        done = threading.Event()
+
+        def reader():
+            while not done.is_set():
+                sim.internal_force()
+                _ = sim.u
+
+        thread = threading.Thread(target=reader)
+        if read:
+            thread.start()
+        try:
+            for _ in range(20):
+                sim.step(20)
+        finally:
+            done.set()
+            if read:
+                thread.join()
+        return sim.u
+
+    assert np.array_equal(run(True), run(False))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 import tledface as tf
 from scenes import neo_hookean_cauchy, rotation, soft, sparse_model, uniaxial
 
@@ -57,7 +58,7 @@ def test_rigid_rotation_gives_no_force(executor, precision, hourglass):
 
 @pytest.mark.parametrize("stretch", [0.7, 0.85, 1.0, 1.2, 1.5])
 @pytest.mark.parametrize("volumetric", ["log", "quadratic"])
-def test_uniaxial_stretch(executor, stretch, volumetric):
+def test_uniaxial_stretch(executor, stretch, volumetric, figure):
     """Axial force of a bar with free sides: closed form within 0.1 %."""
     material = soft(volumetric=volumetric)
     model = tf.Model.block(cells=(4, 3, 3), size=(0.004, 0.003, 0.003), material=material)
@@ -68,7 +69,7 @@ def test_uniaxial_stretch(executor, stretch, volumetric):
     force = sim.internal_force()
     expected = sigma * lateral**2 * 9e-6
     scale = max(abs(expected), 1e-3 * material.mu * 9e-6)
-    assert abs(force[end, 0].sum() - expected) <= 1e-3 * scale
+    figure("axial force, N", force[end, 0].sum(), expected, absolute=1e-3 * scale)
     # The sides are free of load: nothing pulls them in or out.
     assert abs(force[:, 1:]).max() <= 1e-3 * scale
 
@@ -103,7 +104,7 @@ def _stretch_under(nominal, material):
 
 
 @pytest.mark.parametrize("activation", [0.0, 0.4, 0.75])
-def test_isometric_muscle(executor, activation):
+def test_isometric_muscle(executor, activation, figure):
     """At stretch 1 the fibre stress is activation times sigma_act (eq. 8-12): 3.75 MPa at 0.75."""
     fibre = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
     model = tf.Model.block(cells=(5, 4, 3), size=(0.005, 0.004, 0.003), material=soft())
@@ -112,6 +113,19 @@ def test_isometric_muscle(executor, activation):
     sim.activate("m", activation)
     sigma = sim.stress()
     expected = activation * 5e6 * np.outer(fibre, fibre)
+    figure(
+        "fibre stress, MPa",
+        1e-6
+        * (
+            sigma[0]
+            @ (
+                np.array([1, 1, 1, 2, 2, 2])
+                * (fibre[[0, 1, 2, 0, 1, 0]] * fibre[[0, 1, 2, 1, 2, 2]])
+            )
+        ),
+        5 * activation,
+        absolute=1e-6,
+    )
     assert abs(sigma - expected[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]).max() <= 1.0
     # The device's own forces carry it: traction on the x = max face.
     end = model.nodes[:, 0] > 0.005 - 1e-9
@@ -128,7 +142,12 @@ def test_muscle_over_stretch(executor, stretch):
     model = tf.Model.block(cells=(3, 3, 3), size=(0.003, 0.003, 0.003), material=soft())
     model.add_muscle("x", np.ones(27, bool), fibre=(1, 0, 0), sigma_act=3e6, sigma_pas=2e6)
     model.add_muscle(
-        "y", np.ones(27, bool), fibre=(0, 1, 0), sigma_act=1e6, sigma_pas=4e6, lambda_opt=1.1,
+        "y",
+        np.ones(27, bool),
+        fibre=(0, 1, 0),
+        sigma_act=1e6,
+        sigma_pas=4e6,
+        lambda_opt=1.1,
         weight=0.5,
     )
     lateral = 1 / np.sqrt(stretch)
@@ -145,3 +164,41 @@ def test_muscle_over_stretch(executor, stretch):
         area = 9e-6 / reach  # of the deformed face: the volume is kept
         expected = (sigma[axis, axis] + tension) * area
         assert force[end, axis].sum() == pytest.approx(expected, rel=5e-4, abs=5e-4 * 34e3 * 9e-6)
+
+
+def test_calcium_activation_gives_hungs_stresses(executor, figure):
+    """85.4 kPa at Ca 0.9 and 63.3 kPa at 0.6 for stretch 1, and the slope over stretch."""
+    from tledface.muscle import calcium_stress
+
+    figure("fibre stress at Ca 0.9, Pa", calcium_stress(0.9), 85.4e3, rel=1e-3)
+    figure("fibre stress at Ca 0.6, Pa", calcium_stress(0.6), 63.3e3, rel=1e-3)
+    model = tf.Model.block(cells=(3, 3, 3), size=(0.003, 0.003, 0.003), material=soft())
+    model.add_muscle("m", np.ones(27, bool), fibre=(1, 0, 0), sigma_act=100e3, law="calcium")
+    sim = tf.Simulator(model, **executor.kwargs)
+    for level in (0.9, 0.6):
+        sim.activate("m", level)
+        for stretch in (0.7, 1.0, 1.3):
+            lateral = stretch**-0.5
+            F = np.diag([stretch, lateral, lateral])
+            sim.set_state(affine(model, F))
+            passive = neo_hookean_cauchy(F, soft().mu, soft().bulk)[0, 0]
+            expected = passive + calcium_stress(level, stretch)
+            assert sim.stress()[:, 0] == pytest.approx(np.full(27, expected), rel=1e-5)
+            end = model.nodes[:, 0] > 0.003 - 1e-9
+            pull = sim.internal_force()[end, 0].sum()
+            assert pull == pytest.approx(expected * 9e-6 / stretch, rel=1e-3)
+
+
+def test_printed_passive_law_jumps_and_the_default_does_not(executor):
+    from tledface.muscle import passive_tension
+
+    for law, form in (("tension_length_printed", "printed"), ("tension_length", "continuous")):
+        model = tf.Model.block(cells=(3, 3, 3), size=(0.003, 0.003, 0.003), material=soft())
+        model.add_muscle("m", np.ones(27, bool), fibre=(1, 0, 0), sigma_act=1e6, law=law)
+        sim = tf.Simulator(model, precision="double", **executor.kwargs)
+        for stretch in (1.1, 1.1999, 1.2001, 1.4):
+            F = np.diag([stretch, stretch**-0.5, stretch**-0.5])
+            sim.set_state(affine(model, F))
+            fibre = sim.stress()[0, 0] - neo_hookean_cauchy(F, soft().mu, soft().bulk)[0, 0]
+            expected = 1e6 * stretch**2 * passive_tension(stretch, form=form)
+            assert fibre == pytest.approx(expected, rel=1e-9)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 import tledface as tf
 from scenes import rotation, soft
 
@@ -9,9 +10,7 @@ E, NU = 50e3, 0.3
 
 
 def one_layer(h=(0.5e-3, 0.7e-3, 0.3e-3)):
-    return tf.Model.block(
-        cells=(6, 5, 1), size=(6 * h[0], 5 * h[1], h[2]), material=soft(E, NU)
-    )
+    return tf.Model.block(cells=(6, 5, 1), size=(6 * h[0], 5 * h[1], h[2]), material=soft(E, NU))
 
 
 def energy(model, u, **options):
@@ -50,9 +49,7 @@ def test_twisting_energy_of_a_plate_one_element_thick():
     model = one_layer()
     X = model.nodes - model.nodes.mean(axis=0)
     twist = 1e-3
-    u = twist * np.stack(
-        [X[:, 1] * X[:, 2], X[:, 0] * X[:, 2], -X[:, 0] * X[:, 1]], axis=1
-    )
+    u = twist * np.stack([X[:, 1] * X[:, 2], X[:, 0] * X[:, 2], -X[:, 0] * X[:, 1]], axis=1)
     _, got = energy(model, u)
     h = model.voxel
     mu = E / (2 * (1 + NU))

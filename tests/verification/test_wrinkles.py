@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import trimesh
+
 from tledface.examples import flat_block
 from tledface.io.surfaces import write_surface
 from tledface.run import run_scene, simulator_of

@@ -1,0 +1,196 @@
+"""Prescribed motion, body forces, pressures: on every executor, and their checks."""
+
+import numpy as np
+import pytest
+
+import tledface as tf
+from tledface.errors import InputError
+
+SIZE = (4e-3, 3e-3, 2e-3)
+
+
+def soft(**more):
+    values = {"youngs_modulus": 34e3, "poissons_ratio": 0.45, "density": 1100.0, **more}
+    return tf.material("neo_hookean", **values)
+
+
+def block(cells=(8, 6, 4)):
+    return tf.Model.block(cells=cells, size=SIZE, material=soft())
+
+
+def bottom(X):
+    return X[:, 2] < 1e-9
+
+
+def top(X):
+    return X[:, 2] > SIZE[2] - 1e-9
+
+
+def motion(t, X):
+    return 0.05 * X[:, 0] * np.sin(900 * t)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_prescribed_components_follow_their_schedules(executor, precision):
+    model = block()
+    model.fix(bottom)
+    model.prescribe(top, {"x": lambda t: 3e-5 * np.sin(700 * t), "z": motion})
+    model.prescribe(lambda X: X[:, 0] > SIZE[0] - 1e-9, {"y": np.full(35, 0.0)})
+    sim = tf.Simulator(model, precision=precision, **executor.kwargs)
+    nodes = top(model.nodes)
+    for n in (1, 6, 300, 41):
+        sim.step(n)
+        assert sim.u[nodes, 0] == pytest.approx(3e-5 * np.sin(700 * sim.time), rel=1e-6)
+        # Straight lines between keys 8 steps apart.
+        slack = (8 * sim.dt) ** 2 / 8 * 0.05 * SIZE[0] * 900**2 + 1e-11
+        assert abs(sim.u[nodes, 2] - motion(sim.time, model.nodes[nodes])).max() <= slack
+        assert (sim.u[model.nodes[:, 0] > SIZE[0] - 1e-9, 1] == 0.0).all()
+    inner = (model.nodes[:, 2] > 1e-9) & ~nodes
+    assert (sim.u[inner, 1] != 0.0).any()
+
+
+def test_executors_agree_under_all_conditions(executor):
+    def run(**options):
+        model = block()
+        model.fix(bottom)
+        model.prescribe(lambda X: top(X) & (X[:, 0] < 1e-3), {"x": lambda t: 0.02 * t, "z": motion})
+        model.body_force(lambda c: c[:, 0] > 2e-3, (300.0, 0.0, -5e3))
+        model.body_force(np.ones(192, bool), lambda t: (0.0, 2e3 * np.cos(500 * t), 0.0))
+        model.pressure(lambda c, n: n[:, 2] > 0.5, lambda t: 4e4 * t)
+        model.pressure(lambda c, n: n[:, 0] > 0.5, 50.0)
+        model.gravity = (1.0, -2.0, 3.0)
+        sim = tf.Simulator(model, precision="double", **options)
+        sim.step(400)
+        return sim.u
+
+    expected = run(device="native")
+    got = run(**executor.kwargs)
+    assert abs(expected).max() > 1e-5
+    assert abs(got - expected).max() <= 1e-10 * abs(expected).max()
+
+
+def test_pieces_of_a_run_see_the_same_keys(executor):
+    results = []
+    for pieces in ([200], [3, 1, 60, 136]):
+        model = block()
+        model.fix(bottom)
+        model.prescribe(top, {"z": motion})
+        sim = tf.Simulator(model, **executor.kwargs)
+        for n in pieces:
+            sim.step(n)
+        results.append(sim.u)
+    assert np.array_equal(*results)
+
+
+def test_the_start_is_at_the_prescribed_values():
+    model = block()
+    model.prescribe(top, {"x": 1e-4, "y": lambda t: 2e-4 + t, "z": lambda t, X: 0.1 * X[:, 1]})
+    sim = tf.Simulator(model, precision="double")
+    nodes = top(model.nodes)
+
+    def check(time):
+        assert (sim.u[nodes, 0] == 1e-4).all()
+        assert sim.u[nodes, 1] == pytest.approx(2e-4 + time, rel=1e-12)
+        assert np.allclose(sim.u[nodes, 2], 0.1 * model.nodes[nodes, 1], rtol=1e-12)
+
+    check(0.0)
+    assert (sim.u[~nodes] == 0.0).all()
+    sim.set_state(np.full((model.n_nodes, 3), 5e-5), time=0.25)
+    check(0.25)
+    assert (sim.u[~nodes] == 5e-5).all()
+
+
+def test_the_last_of_fix_and_prescribe_holds():
+    model = block()
+    model.fix(bottom)
+    model.prescribe(bottom, {"x": 1e-5})
+    assert not model.fixed[bottom(model.nodes), 0].any()
+    model.prescribe(lambda X: bottom(X) & (X[:, 0] < 1e-9), {"x": 2e-5})
+    model.fix(lambda X: bottom(X) & (X[:, 1] < 1e-9), "x")
+    u = tf.Simulator(model, precision="double").u[:, 0]
+    X = model.nodes
+    assert (u[bottom(X) & (X[:, 1] < 1e-9)] == 0.0).all()
+    assert (u[bottom(X) & (X[:, 1] > 1e-9) & (X[:, 0] < 1e-9)] == 2e-5).all()
+    assert (u[bottom(X) & (X[:, 1] > 1e-9) & (X[:, 0] > 1e-9)] == 1e-5).all()
+
+
+def test_pressure_forces_are_area_vectors_of_the_deformed_faces():
+    """A closed surface under one pressure: no net force, and the work is that on the volume."""
+    model = block()
+    model.pressure(lambda c, n: np.ones(len(c), bool), 100.0)
+    sim = tf.Simulator(model, precision="double")
+    A = np.array([[0.2, 0.1, 0.0], [0.0, -0.1, 0.3], [0.05, 0.0, 0.1]])
+    sim.set_state(model.nodes @ A.T)
+    force = sim.external_force()
+    area = 2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0])
+    assert abs(force.sum(axis=0)).max() < 1e-12 * 100 * area
+    volume = np.prod(SIZE) * np.linalg.det(np.eye(3) + A)
+    # Growing all over by a share e adds 3 e V.
+    assert (force * (model.nodes + sim.u)).sum() == pytest.approx(-100 * 3 * volume, rel=1e-12)
+
+
+def test_free_body_accelerates_by_force_over_mass(executor):
+    model = block()
+    model.body_force(np.ones(192, bool), (1100.0 * 2.5, 0.0, 0.0))
+    model.pressure(lambda c, n: abs(n[:, 1]) > 0.5, 30.0)  # balanced
+    sim = tf.Simulator(model, precision="double", **executor.kwargs)
+    sim.step(200)
+    mass = sim.mass
+    centre = (mass[:, None] * sim.u).sum(axis=0) / mass.sum()
+    assert centre[0] == pytest.approx(2.5 * sim.time**2 / 2, rel=1e-9)
+    assert abs(centre[1:]).max() < 1e-6 * centre[0]
+    assert sim.u[:, 1].max() > 0 > sim.u[model.nodes[:, 1] > 2.9e-3, 1].min()
+
+
+def test_a_bad_value_on_the_way_is_named():
+    model = block()
+    model.prescribe(top, {"x": lambda t: "far" if t > 1e-5 else 0.0})
+    sim = tf.Simulator(model)
+    with pytest.raises(InputError, match=r"component x: got 'far' at t = "):
+        sim.step(100)
+    model = block()
+    model.prescribe(top, {"x": lambda t, X: np.zeros(3)})
+    with pytest.raises(InputError, match=r"gave shape \(3,\) at t = 0 s; allowed: .* \(63,\)"):
+        tf.Simulator(model)
+    model = block()
+    model.body_force(np.ones(192, bool), lambda t: 3.0)
+    with pytest.raises(InputError, match=r"body_force: got 3.0 .* three finite numbers"):
+        tf.Simulator(model)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda m: m.prescribe(top, {"w": 1.0}), "some of the keys 'x', 'y', 'z'"),
+        (lambda m: m.prescribe(top, {}), "some of the keys"),
+        (lambda m: m.prescribe(top, {"x": np.nan}), "component x: got nan"),
+        (lambda m: m.prescribe(top, {"x": [1.0, 2.0]}), r"or \(63,\) of them"),
+        (lambda m: m.prescribe(lambda X: X[:, 0] > 1, {"x": 0.0}), "selects none"),
+        (lambda m: m.body_force(np.ones(192, bool), (1.0, 2.0)), r"got shape \(2,\)"),
+        (lambda m: m.pressure(lambda c, n: n[:, 0] > 2, 1.0), "none of the 208 boundary faces"),
+        (lambda m: m.pressure(np.ones(3, bool), 1.0), r"must be \(208,\) bool"),
+        (lambda m: m.pressure(lambda c, n: n[:, 0] > 0, "big"), "pressure: got 'big'"),
+    ],
+)
+def test_bad_input_is_named(call, message):
+    with pytest.raises(InputError, match=message):
+        call(block())
+
+
+def test_conditions_are_saved_where_they_are_numbers(tmp_path):
+    model = block()
+    model.fix(bottom)
+    model.prescribe(top, {"x": 1e-5, "z": 1e-2 * model.nodes[top(model.nodes), 0]})
+    model.body_force(lambda c: c[:, 0] > 2e-3, (0.0, 1e3, 0.0))
+    model.pressure(lambda c, n: n[:, 0] > 0.5, 50.0)
+    model.save(tmp_path / "m.h5")
+    results = []
+    for each in (model, tf.Model.load(tmp_path / "m.h5")):
+        sim = tf.Simulator(each)
+        sim.step(100)
+        results.append(sim.u)
+    assert np.array_equal(*results)
+    model.pressure(lambda c, n: n[:, 0] < -0.5, lambda t: t)
+    with pytest.raises(InputError, match=r"given to Model.pressure cannot be saved; save the"):
+        model.save(tmp_path / "n.h5")
+    assert not (tmp_path / "n.h5").exists()

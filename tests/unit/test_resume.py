@@ -1,0 +1,212 @@
+"""Runs that stop midway: what they leave, and how they go on. Kills are in test_kill.py."""
+
+import errno
+import json
+import os
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tledface import checkpoint
+from tledface.cli import app
+from tledface.errors import InputError
+from tledface.examples import flat_block
+from tledface.io.vtkhdf import VTKHDFWriter
+from tledface.run import resume_run, run_scene
+from tledface.run_checkpoints import RunCheckpoints
+from tledface.scene import Scene
+
+FINISHED = ["frames.vtkhdf", "frames_surface.vtkhdf", "run.json", "skin.ply", "wrinkles.png"]
+LEFT = ["checkpoint-before.h5", "checkpoint-model.h5", "checkpoint.h5"]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = flat_block.write(
+        tmp_path_factory.mktemp("scene"), voxel=3.0, voxel_height=1.5, triangle=4.0
+    )
+    text = path.read_text().replace('"50 ms"', '"6 ms"')
+    path.write_text(text.replace("fps = 200\n", 'fps = 1000\ncheckpoint_every = "1 ms"\n'))
+    return Scene.load(path)
+
+
+@pytest.fixture(scope="module")
+def whole(scene, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "out"
+    return run_scene(scene, folder, device="native", quiet=True)
+
+
+@pytest.fixture
+def stopped(scene, tmp_path, monkeypatch):
+    """A run stopped by the keyboard while its fourth checkpoint was due."""
+    stop_at(monkeypatch, 4)
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(scene, tmp_path / "out", device="native", quiet=True)
+    monkeypatch.undo()
+    return tmp_path / "out"
+
+
+def stop_at(monkeypatch, count):
+    take, taken = RunCheckpoints.take, []
+
+    def counted(self, *arguments):
+        taken.append(self)
+        if len(taken) == count:
+            raise KeyboardInterrupt
+        take(self, *arguments)
+
+    monkeypatch.setattr(RunCheckpoints, "take", counted)
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def facts(folder):
+    return json.loads((folder / "run.json").read_text())
+
+
+def assert_same(result, whole):
+    assert (result.steps, result.dt, result.frames) == (whole.steps, whole.dt, whole.frames)
+    assert result.dt_crit == whole.dt_crit
+    for role in ("surface", "picture"):
+        assert result.files[role].read_bytes() == whole.files[role].read_bytes(), role
+    assert names(result.directory) == FINISHED
+
+
+def test_a_stopped_run_goes_on(stopped, whole):
+    assert names(stopped) == sorted([*LEFT, *FINISHED[:3]])
+    assert facts(stopped)["state"] == "interrupted"
+    result = resume_run(stopped, quiet=True)
+    assert_same(result, whole)
+    assert facts(stopped)["state"] == "finished"
+    assert facts(stopped)["scene"] == facts(whole.directory)["scene"]
+    assert result.wall > 0.0
+
+
+def test_checkpoints_cost_no_bits(scene, whole, tmp_path):
+    output = scene.output.model_copy(update={"checkpoint_every": "off"})
+    assert_same(
+        run_scene(
+            scene.model_copy(update={"output": output}),
+            tmp_path / "out",
+            device="native",
+            quiet=True,
+        ),
+        whole,
+    )
+
+
+def test_a_resumption_may_be_stopped_too(stopped, whole, monkeypatch):
+    stop_at(monkeypatch, 2)
+    with pytest.raises(KeyboardInterrupt):
+        resume_run(stopped, quiet=True)
+    monkeypatch.undo()
+    assert names(stopped) == sorted([*LEFT, *FINISHED[:3]])
+    assert_same(resume_run(stopped, quiet=True), whole)
+
+
+def test_a_damaged_checkpoint_is_passed_over(stopped, whole):
+    path = stopped / "checkpoint.h5"
+    path.write_bytes(path.read_bytes()[:3000])
+    with pytest.warns(UserWarning, match=r"checkpoint\.h5: .*cut short.*taking the one before it"):
+        result = resume_run(stopped, quiet=True)
+    assert_same(result, whole)
+
+
+def test_a_kill_between_two_renames_loses_nothing(stopped, whole):
+    os.replace(stopped / "checkpoint-before.h5", stopped / "checkpoint-old.h5")
+    os.replace(stopped / "checkpoint.h5", stopped / "checkpoint-new.h5")
+    os.replace(stopped / "checkpoint-old.h5", stopped / "checkpoint-before.h5")
+    assert_same(resume_run(stopped, quiet=True), whole)
+
+
+@pytest.mark.filterwarnings("ignore:checkpoint")
+def test_what_cannot_go_on_is_named(stopped, whole, tmp_path):
+    with pytest.raises(InputError, match="no run; give the folder of"):
+        resume_run(tmp_path)
+    with pytest.raises(InputError, match="the run is finished; there is nothing to resume"):
+        resume_run(whole.directory)
+    with pytest.raises(InputError, match="opencl:99"):
+        resume_run(stopped, device="opencl:99", quiet=True)
+    for name in ("checkpoint.h5", "checkpoint-before.h5"):
+        (stopped / name).write_bytes(b"no HDF5")
+    with pytest.raises(InputError, match="no checkpoint is whole"):
+        resume_run(stopped, quiet=True)
+    for name in ("checkpoint.h5", "checkpoint-before.h5"):
+        (stopped / name).unlink()
+    with pytest.raises(InputError, match=r"before its first checkpoint; run it again with --force"):
+        resume_run(stopped, quiet=True)
+    assert facts(stopped)["state"] == "interrupted"
+
+
+def test_a_lost_model_is_damage(stopped):
+    (stopped / "checkpoint-model.h5").unlink()
+    with (
+        pytest.warns(UserWarning, match="taking the one before it"),
+        pytest.raises(InputError, match="no checkpoint is whole"),
+    ):
+        resume_run(stopped, quiet=True)
+
+
+def test_another_device_is_a_warning(stopped, executor):
+    if executor.device == "native":
+        pytest.skip("the run was on the native device")
+    with pytest.warns(UserWarning, match="the device was .*not bit for bit"):
+        result = resume_run(stopped, device=executor.device, quiet=True)
+    assert names(result.directory) == FINISHED
+
+
+def test_force_replaces_a_stopped_run_with_all_it_left(scene, stopped, whole):
+    os.replace(stopped / "frames.vtkhdf", stopped / "frames.part.vtkhdf")
+    (stopped / "run.json").write_text(
+        json.dumps({**facts(stopped), "state": "running", "files": ["frames.part.vtkhdf"]})
+    )
+    with pytest.raises(InputError, match="--force"):
+        run_scene(scene, stopped, device="native", quiet=True)
+    assert_same(run_scene(scene, stopped, device="native", quiet=True, force=True), whole)
+
+
+def test_a_disk_too_full_for_checkpoints_is_a_warning(scene, whole, tmp_path, monkeypatch):
+    save = checkpoint.save
+
+    def full(sim, path, **more):
+        if sim.time > 2.5e-3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        save(sim, path, **more)
+
+    monkeypatch.setattr(checkpoint, "save", full)
+    with pytest.warns(UserWarning, match=r"no checkpoint at t = .*No space left.*earlier one stay"):
+        result = run_scene(scene, tmp_path / "out", device="native", quiet=True)
+    assert_same(result, whole)
+
+
+def test_a_disk_too_full_for_frames_ends_the_run_and_it_goes_on_later(
+    scene, whole, tmp_path, monkeypatch
+):
+    append = VTKHDFWriter.append
+
+    def full(self, time, u):
+        if time > 3.5e-3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        append(self, time, u)
+
+    monkeypatch.setattr(VTKHDFWriter, "append", full)
+    with pytest.raises(OSError, match="No space left"):
+        run_scene(scene, tmp_path / "out", device="native", quiet=True)
+    assert facts(tmp_path / "out")["state"] == "failed"
+    monkeypatch.undo()
+    assert_same(resume_run(tmp_path / "out", quiet=True), whole)
+
+
+def test_the_verb(stopped, whole):
+    done = CliRunner().invoke(app, ["resume", str(stopped), "--json"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["frames"] == whole.frames
+    assert np.isclose(found["simulated_s"], whole.simulated, rtol=0, atol=0)
+    done = CliRunner().invoke(app, ["resume", str(stopped)])
+    assert done.exit_code == 2
+    assert done.stderr.startswith("tledface: error: resume ")
+    assert done.stderr.count("\n") == 1
