@@ -56,6 +56,10 @@ INLINE Symmetric right_cauchy_green(Tensor F) {
   return C;
 }
 
+INLINE realv second_invariant(Symmetric C) {
+  return C.xx * C.yy + C.yy * C.zz + C.zz * C.xx - C.xy * C.xy - C.yz * C.yz - C.xz * C.xz;
+}
+
 // F S.
 INLINE Tensor times_symmetric(Tensor F, Symmetric S) {
   Tensor P;

@@ -67,3 +67,19 @@
 #define SHAPE_RATIO_ZX 10
 #define SHAPE_RATIO_XZ 11
 #define TLED_SHAPE_REALS 16
+
+// Rows of blocks that a band walks (rows.cl).
+// bands[2 i]: first row of band i, bands[2 i + 1]: its end. rows[4 i]: first block, number of
+// blocks, flags, unused.
+#define ROW_SEED 1         // forces only into scratch; nodes belong to the band below
+#define ROW_CHUNK_BEGIN 2  // a new chunk in x: scratch starts from zero
+
+// Rows of lanes a plane of scratch: forces x, y, z; and one with the last lane's in lanes 0-2.
+#define SCRATCH_ROWS 4
+
+// state[(block TLED_STATE_ROWS + row) TLED_LANES + lane]: what element_state writes (state.cl).
+#define TLED_STATE_ROWS 17
+#define STATE_F 0           // nine: xx xy xz yx yy yz zx zy zz
+#define STATE_SIGMA 9       // six: xx yy zz xy yz xz, Pa, muscles included
+#define STATE_ENERGY 15     // W, J/m3
+#define STATE_HOURGLASS 16  // J/m3

@@ -16,14 +16,6 @@
 // forces are added does not depend on how rows are dealt to bands: results are the same bits for any
 // number of threads.
 
-// bands[2 i]: first row of band i, bands[2 i + 1]: its end. rows[4 i]: first block, number of
-// blocks, flags, unused.
-#define ROW_SEED 1         // forces only into scratch; nodes belong to the band below
-#define ROW_CHUNK_BEGIN 2  // a new chunk in x: scratch starts from zero
-
-// Rows of lanes a plane of scratch: forces x, y, z; and one with the last lane's in lanes 0-2.
-#define SCRATCH_ROWS 4
-
 typedef struct { Vec s, x, y, xy; } Face;
 
 INLINE void face_component(realv lower, realv lower_next, realv upper, realv upper_next,

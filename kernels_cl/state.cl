@@ -1,11 +1,5 @@
-// What an element holds, for output and checks: F, Cauchy stress, energies, and the growth of its
-// stiffness. Runs rarely (in float64 on the host), so it is plain.
-#define TLED_STATE_ROWS 18
-#define STATE_F 0        // nine: xx xy xz yx yy yz zx zy zz
-#define STATE_SIGMA 9    // six: xx yy zz xy yz xz, Pa, muscles included
-#define STATE_ENERGY 15  // W, J/m3
-#define STATE_HOURGLASS 16  // J/m3
-#define STATE_GROWTH 17     // see stiffness_growth
+// What an element holds, for output and checks: F, Cauchy stress and energies; and the growth of its
+// stiffness, for the time step. Runs rarely (in float64 on the host), so it is plain.
 
 // Modes of the displacement of the elements of one block.
 INLINE ElementModes load_modes(__global const real* u, __global const int* blocks, int block) {
@@ -117,5 +111,4 @@ __kernel void element_state(
   out += 6 * TLED_LANES;
   store_lanes(energy, out);
   store_lanes(hourglass * (R(1.0) / volume), out + TLED_LANES);
-  store_lanes(stiffness_growth(F, k.cof, parameters, shape), out + 2 * TLED_LANES);
 }

@@ -81,9 +81,8 @@ T pick(const char* option, const std::string& got,
 std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const VoxelModel& model,
                                           const std::string& precision,
                                           const std::string& hourglass, double kappa,
-                                          double damping, double mass_scaling,
-                                          const std::string& kernels, std::size_t n_bands,
-                                          const Conditions* conditions) {
+                                          double damping, const std::string& kernels,
+                                          std::size_t n_bands, const Conditions* conditions) {
   SimulatorOptions options;
   options.precision = pick<Precision>(
       "precision", precision, {{"single", Precision::kSingle}, {"double", Precision::kDouble}});
@@ -95,7 +94,6 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
       {{"auto", KernelPath::kAuto}, {"rows", KernelPath::kRows}, {"gather", KernelPath::kGather}});
   options.kappa = kappa;
   options.damping = damping;
-  options.mass_scaling = mass_scaling;
   options.n_bands = n_bands;
   py::gil_scoped_release release;
   return std::make_unique<Simulator>(std::move(device), model, options,
@@ -183,8 +181,7 @@ void define_simulator(py::module_& module) {
   py::class_<Simulator>(module, "Simulator", "The step loop on one device; see tledface.Simulator.")
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
            py::arg("precision"), py::arg("hourglass"), py::arg("kappa"), py::arg("damping"),
-           py::arg("mass_scaling"), py::arg("kernels") = "auto", py::arg("n_bands") = 0,
-           py::arg("conditions") = py::none())
+           py::arg("kernels") = "auto", py::arg("n_bands") = 0, py::arg("conditions") = py::none())
       .def(
           "step",
           [](Simulator& sim, std::size_t n, const Array<double>& activations,
@@ -329,7 +326,6 @@ void define_simulator(py::module_& module) {
              result["stress"] = to_array(std::move(state.stress), 6);
              result["energy_density"] = to_array(std::move(state.energy_density));
              result["hourglass_density"] = to_array(std::move(state.hourglass_density));
-             result["growth"] = to_array(std::move(state.growth));
              return result;
            })
       .def("first_non_finite_node", &Simulator::first_non_finite_node)

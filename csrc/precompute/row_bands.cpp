@@ -9,8 +9,6 @@
 namespace tledface {
 
 RowBands SolverArrays::make_bands(std::size_t n_bands) const {
-  // Rows that the row kernels know: ROW_SEED and ROW_CHUNK_BEGIN of kernels_cl/rows.cl.
-  constexpr std::int32_t kSeed = 1, kChunkBegin = 2;
   RowBands result;
   std::int32_t lowest = std::numeric_limits<std::int32_t>::max(), highest = 0, n_chunks = 0;
   for (std::int32_t b = 0; b < n_blocks; ++b) {
@@ -41,11 +39,11 @@ RowBands SolverArrays::make_bands(std::size_t n_bands) const {
     if (band + 1 == n_bands) y = n_y;
     result.bands.push_back(static_cast<std::int32_t>(result.rows.size() / 4));
     for (std::int32_t chunk = 0; chunk < n_chunks; ++chunk) {
-      std::int32_t flags = kChunkBegin;
+      std::int32_t flags = ROW_CHUNK_BEGIN;
       for (std::int32_t row = begin > 0 ? begin - 1 : 0; row < y; ++row) {
         const std::size_t at = std::size_t(chunk) * n_y + row;
         if (count[at] == 0) continue;
-        if (row < begin) flags |= kSeed;
+        if (row < begin) flags |= ROW_SEED;
         result.rows.insert(result.rows.end(), {first[at], count[at], flags, 0});
         flags = 0;
       }

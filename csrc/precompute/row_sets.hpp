@@ -8,7 +8,7 @@
 
 namespace tledface {
 
-// Row sets: `rows` rows of lanes each, identical ones stored once.
+// Sets of `reals` values each; add() gives a set's number.
 class RowSets {
  public:
   RowSets(std::size_t reals, std::vector<double>& storage) : reals_(reals), storage_(storage) {}

@@ -195,7 +195,7 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
   arrays.node_mass.assign(n_nodes, 0);
   std::vector<double> slot_mass(std::size_t(n_blocks + 1) * lanes, 0.0);
   for (std::size_t e = 0; e < n_elements; ++e) {
-    const double share = model.density[e] * options.mass_scaling * volume / 8;
+    const double share = model.density[e] * volume / 8;
     for (int corner = 0; corner < 8; ++corner) slot_mass[arrays.corner_slot(e, corner)] += share;
   }
   std::vector<double> inverse(std::size_t(n_blocks) * TLED_NODE_ROWS * lanes, 0.0);

@@ -15,7 +15,6 @@ struct PrecomputeOptions {
   int lanes = 16;
   HourglassForm hourglass = HourglassForm::kPhysical;
   double kappa = 0.075;
-  double mass_scaling = 1;  // every density times this
   // Solver axes; left at -1 they are chosen. History of laws is kept in these axes.
   std::array<int, 3> axis_order{-1, -1, -1};
 };

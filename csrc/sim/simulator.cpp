@@ -18,7 +18,6 @@ constexpr unsigned kElementsStore = 16;  // 1: the element kernel keeps the hist
 constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kNodesBlocks = 3, kNodesNodeSets = 4;
 // Work-items a group of the gather kernels: four blocks of 16 lanes.
 constexpr std::size_t kGroup = 64;
-constexpr std::size_t kScratchRows = 4;  // SCRATCH_ROWS of kernels_cl/rows.cl
 
 template <class T>
 std::vector<T> narrowed(const std::vector<double>& values) {
@@ -44,7 +43,6 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   precompute_.lanes = program.lanes;
   precompute_.hourglass = options_.hourglass;
   precompute_.kappa = options_.kappa;
-  precompute_.mass_scaling = options_.mass_scaling;
   arrays_ = make_solver_arrays(model_, precompute_);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions);
@@ -76,7 +74,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     bands_ = arrays_.make_bands(wanted);
     bands_buffer_ = upload(bands_.bands);
     row_buffer_ = upload(bands_.rows);
-    scratch_ = allocate(bands_.n_bands() * bands_.n_planes * kScratchRows * lanes * real);
+    scratch_ = allocate(bands_.n_bands() * bands_.n_planes * SCRATCH_ROWS * lanes * real);
     edge_ = allocate(std::size_t(arrays_.n_blocks + 1) * 4 * real);
   } else {
     element_forces_ = allocate(slots * 24 * real);

@@ -24,7 +24,6 @@ struct SimulatorOptions {
   HourglassForm hourglass = HourglassForm::kPhysical;
   double kappa = 0.075;
   double damping = 0;  // mass-proportional, 1/s
-  double mass_scaling = 1;
   KernelPath kernels = KernelPath::kAuto;
   std::size_t n_bands = 0;  // 0: by the device's compute units
 };

@@ -8,9 +8,6 @@
 namespace tledface {
 namespace {
 
-// Rows of kernels_cl/state.cl.
-constexpr int kRows = 18, kF = 0, kSigma = 9, kEnergy = 15, kHourglass = 16, kGrowth = 17;
-
 template <class T>
 std::size_t bytes_of(const std::vector<T>& values) {
   return values.size() * sizeof(T);
@@ -27,7 +24,7 @@ StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions option
   arrays_ = make_solver_arrays(model, options);
   const std::size_t slots = std::size_t(arrays_.n_blocks + 1) * arrays_.lanes * sizeof(double);
   u_ = host_->allocate(slots * 3);
-  state_ = host_->allocate(slots * kRows);
+  state_ = host_->allocate(slots * TLED_STATE_ROWS);
   step_ = host_->allocate((STEP_ACTIVATION + model.muscles.size()) * sizeof(double));
   kernel_ = program_->kernel("element_state");
   unsigned argument = 0;
@@ -96,23 +93,22 @@ ElementState StateEvaluator::evaluate(const std::vector<double>& u,
   result.stress.resize(6 * n);
   result.energy_density.resize(n);
   result.hourglass_density.resize(n);
-  result.growth.resize(n);
   // Place of component (i, j) of a symmetric tensor: xx yy zz xy yz xz.
   constexpr int place[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
   const auto& order = arrays_.order;
   parallel_for_chunks(n, 8192, [&](std::size_t begin, std::size_t end) {
     for (std::size_t e = begin; e < end; ++e) {
       const std::size_t slot = arrays_.element_slot[e];
-      const double* rows = state + slot / lanes * kRows * lanes + slot % lanes;
+      const double* rows = state + slot / lanes * TLED_STATE_ROWS * lanes + slot % lanes;
       for (int i = 0; i < 3; ++i)
         for (int j = 0; j < 3; ++j) {
           result.deformation_gradient[9 * e + 3 * order[i] + order[j]] =
-              rows[(kF + 3 * i + j) * lanes];
-          result.stress[6 * e + place[order[i]][order[j]]] = rows[(kSigma + place[i][j]) * lanes];
+              rows[(STATE_F + 3 * i + j) * lanes];
+          result.stress[6 * e + place[order[i]][order[j]]] =
+              rows[(STATE_SIGMA + place[i][j]) * lanes];
         }
-      result.energy_density[e] = rows[kEnergy * lanes];
-      result.hourglass_density[e] = rows[kHourglass * lanes];
-      result.growth[e] = rows[kGrowth * lanes];
+      result.energy_density[e] = rows[STATE_ENERGY * lanes];
+      result.hourglass_density[e] = rows[STATE_HOURGLASS * lanes];
     }
   });
   return result;

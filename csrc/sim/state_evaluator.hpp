@@ -14,7 +14,6 @@ struct ElementState {
   std::vector<double> stress;                // 6 per element, Cauchy, Pa: xx yy zz xy yz xz
   std::vector<double> energy_density;        // J/m3, without muscles
   std::vector<double> hourglass_density;     // J/m3
-  std::vector<double> growth;                // of the stiffness that bounds the step; -1: inverted
 };
 
 class StateEvaluator {
@@ -24,7 +23,7 @@ class StateEvaluator {
   // comes.
   ElementState evaluate(const std::vector<double>& u, const std::vector<double>& activations,
                         const std::vector<double>& history = {}, double dt = 0, double time = 0);
-  // `growth` alone, for the watch during a run.
+  // Growth of the stiffness that bounds the step, per element (kernels_cl/state.cl); -1: inverted.
   const SolverArrays& arrays() const { return arrays_; }
   std::vector<double> growth(const std::vector<double>& u);
 

@@ -40,47 +40,53 @@ meaning = "first family"
 optional = true
 meaning = "second family; left out: none"
 */
-// One family: dW/dE_C of E: 2 k1 E exp(k2 E^2) [dispersion J^(-2/3) (I - I1/3 C^-1) +
-// (1 - 3 dispersion) J^(-2/3) (d (x) d - I4/3 C^-1)]. A family with a zero direction is absent.
+// A fibre family: its direction d, F d, and the strain E that its energy is of, 0 where the family
+// is pressed or absent (direction 0).
+typedef struct { realv dx, dy, dz, vx, vy, vz, I4, E; } Family;
+
+INLINE Family fibre_family(Kinematics k, __global const real* rows, int first) {
+  const realv zero = broadcast(R(0.0)), spread = law_row(rows, 4);
+  const realv iso = k.cube_root * k.cube_root;
+  Family f;
+  f.dx = law_row(rows, first);
+  f.dy = law_row(rows, first + 1);
+  f.dz = law_row(rows, first + 2);
+  f.vx = k.F.xx * f.dx + k.F.xy * f.dy + k.F.xz * f.dz;
+  f.vy = k.F.yx * f.dx + k.F.yy * f.dy + k.F.yz * f.dz;
+  f.vz = k.F.zx * f.dx + k.F.zy * f.dy + k.F.zz * f.dz;
+  f.I4 = f.vx * f.vx + f.vy * f.vy + f.vz * f.vz;
+  f.E = spread * (iso * k.I1 - R(3.0)) + (R(1.0) - R(3.0) * spread) * (iso * f.I4 - R(1.0));
+  f.E = f.E > R(0.0) ? f.E : zero;
+  f.E = f.I4 > R(0.0) ? f.E : zero;
+  return f;
+}
+
+// S of a family: 2 k1 E exp(k2 E^2) J^(-2/3) [dispersion (I - I1/3 C^-1) + (1 - 3 dispersion)
+// (d (x) d - I4/3 C^-1)].
 INLINE void add_family(Kinematics k, __global const real* rows, int first, Tensor* P) {
-  const realv zero = broadcast(R(0.0));
-  const realv k1 = law_row(rows, 2), k2 = law_row(rows, 3), spread = law_row(rows, 4);
-  const realv dx = law_row(rows, first), dy = law_row(rows, first + 1), dz = law_row(rows, first + 2);
-  const realv vx = k.F.xx * dx + k.F.xy * dy + k.F.xz * dz;
-  const realv vy = k.F.yx * dx + k.F.yy * dy + k.F.yz * dz;
-  const realv vz = k.F.zx * dx + k.F.zy * dy + k.F.zz * dz;
-  const realv I4 = vx * vx + vy * vy + vz * vz, iso = k.cube_root * k.cube_root;
-  const realv along = R(1.0) - R(3.0) * spread;
-  realv E = spread * (iso * k.I1 - R(3.0)) + along * (iso * I4 - R(1.0));
-  E = E > R(0.0) ? E : zero;
-  E = I4 > R(0.0) ? E : zero;
-  const realv slope = R(2.0) * law_row(rows, 0) * k1 * E * natural_exp(k2 * E * E) * iso;
+  const Family f = fibre_family(k, rows, first);
+  const realv spread = law_row(rows, 4), along = R(1.0) - R(3.0) * spread;
+  const realv slope = R(2.0) * law_row(rows, 0) * law_row(rows, 2) * f.E *
+                      natural_exp(law_row(rows, 3) * f.E * f.E) * k.cube_root * k.cube_root;
   add_scaled(P, slope * spread, k.F,
-             slope * (spread * k.I1 + along * I4) * (k.inverse_J * R(-1.0 / 3.0)), k.cof);
+             slope * (spread * k.I1 + along * f.I4) * (k.inverse_J * R(-1.0 / 3.0)), k.cof);
   const realv s = slope * along;
-  P->xx += s * vx * dx;
-  P->xy += s * vx * dy;
-  P->xz += s * vx * dz;
-  P->yx += s * vy * dx;
-  P->yy += s * vy * dy;
-  P->yz += s * vy * dz;
-  P->zx += s * vz * dx;
-  P->zy += s * vz * dy;
-  P->zz += s * vz * dz;
+  P->xx += s * f.vx * f.dx;
+  P->xy += s * f.vx * f.dy;
+  P->xz += s * f.vx * f.dz;
+  P->yx += s * f.vy * f.dx;
+  P->yy += s * f.vy * f.dy;
+  P->yz += s * f.vy * f.dz;
+  P->zx += s * f.vz * f.dx;
+  P->zy += s * f.vz * f.dy;
+  P->zz += s * f.vz * f.dz;
 }
 
 INLINE realv family_energy(Kinematics k, __global const real* rows, int first) {
-  const realv zero = broadcast(R(0.0)), k2 = law_row(rows, 3), spread = law_row(rows, 4);
-  const realv dx = law_row(rows, first), dy = law_row(rows, first + 1), dz = law_row(rows, first + 2);
-  const realv vx = k.F.xx * dx + k.F.xy * dy + k.F.xz * dz;
-  const realv vy = k.F.yx * dx + k.F.yy * dy + k.F.yz * dz;
-  const realv vz = k.F.zx * dx + k.F.zy * dy + k.F.zz * dz;
-  const realv I4 = vx * vx + vy * vy + vz * vz, iso = k.cube_root * k.cube_root;
-  realv E = spread * (iso * k.I1 - R(3.0)) + (R(1.0) - R(3.0) * spread) * (iso * I4 - R(1.0));
-  E = E > R(0.0) ? E : zero;
-  E = I4 > R(0.0) ? E : zero;
+  const Family f = fibre_family(k, rows, first);
+  const realv k2 = law_row(rows, 3);
   const realv safe = k2 > R(0.0) ? k2 : broadcast(R(1.0));
-  return R(0.5) * law_row(rows, 2) / safe * (natural_exp(k2 * E * E) - R(1.0));
+  return R(0.5) * law_row(rows, 2) / safe * (natural_exp(k2 * f.E * f.E) - R(1.0));
 }
 
 INLINE void holzapfel_gasser_ogden_stress(Kinematics k, __global const real* rows, LawState state,

@@ -42,7 +42,7 @@ INLINE void mooney_rivlin_stress(Kinematics k, __global const real* rows, LawSta
   const realv w = law_row(rows, 0), c11 = law_row(rows, 3);
   const realv a = k.cube_root * k.cube_root, b = a * a;
   const Symmetric C = right_cauchy_green(k.F);
-  const realv I2 = C.xx * C.yy + C.yy * C.zz + C.zz * C.xx - C.xy * C.xy - C.yz * C.yz - C.xz * C.xz;
+  const realv I2 = second_invariant(C);
   const realv e1 = a * k.I1 - R(3.0), e2 = b * I2 - R(3.0);
   const realv W1 = R(2.0) * w * a * (law_row(rows, 1) + c11 * e2 +
                    e1 * (R(2.0) * law_row(rows, 4) + R(3.0) * law_row(rows, 5) * e1));
@@ -55,7 +55,7 @@ INLINE void mooney_rivlin_stress(Kinematics k, __global const real* rows, LawSta
 INLINE realv mooney_rivlin_energy(Kinematics k, __global const real* rows, LawState state) {
   const realv a = k.cube_root * k.cube_root;
   const Symmetric C = right_cauchy_green(k.F);
-  const realv I2 = C.xx * C.yy + C.yy * C.zz + C.zz * C.xx - C.xy * C.xy - C.yz * C.yz - C.xz * C.xz;
+  const realv I2 = second_invariant(C);
   const realv e1 = a * k.I1 - R(3.0), e2 = a * a * I2 - R(3.0);
   return law_row(rows, 0) * (law_row(rows, 1) * e1 + law_row(rows, 2) * e2 + law_row(rows, 3) * e1 * e2 +
                              law_row(rows, 4) * e1 * e1 + law_row(rows, 5) * e1 * e1 * e1);

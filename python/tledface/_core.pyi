@@ -205,7 +205,6 @@ class Simulator:
         hourglass: str,
         kappa: float,
         damping: float,
-        mass_scaling: float,
         kernels: str = "auto",
         n_bands: int = 0,
         conditions: Conditions | None = None,

@@ -116,7 +116,6 @@ class Simulator(Results):
                 hourglass=hourglass,
                 kappa=hourglass_kappa,
                 damping=damping,
-                mass_scaling=1.0,
                 kernels=kernels,
                 conditions=self._conditions.core,
             )
@@ -422,7 +421,6 @@ class Simulator(Results):
                 hourglass=self._options["hourglass"],
                 kappa=self._options["hourglass_kappa"],
                 damping=0.0,
-                mass_scaling=1.0,
             )
             core.dt = self._core.dt
             return core

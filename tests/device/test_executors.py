@@ -64,7 +64,6 @@ def test_number_of_bands_does_not_change_a_bit():
             hourglass="physical",
             kappa=0.075,
             damping=0.0,
-            mass_scaling=1.0,
             n_bands=n_bands,
         )
         core.dt = 0.9 * core.bound_at_rest()[0]
