@@ -23,6 +23,7 @@ typedef real realv;
 INLINE realv broadcast(real x) { return x; }
 INLINE realv load_lanes(__global const real* p) { return *p; }
 INLINE void store_lanes(realv v, __global real* p) { *p = v; }
+INLINE realv gather_lanes(__global const real* p, __global const int* at) { return p[*at]; }
 
 #else
 
@@ -36,6 +37,14 @@ typedef TLED_JOIN(float, TLED_LANES) realv;
 INLINE realv broadcast(real x) { return (realv)(x); }
 INLINE realv load_lanes(__global const real* p) { return *(__global const realv*)p; }
 INLINE void store_lanes(realv v, __global real* p) { *(__global realv*)p = v; }
+
+// Lane l of the result is p[at[l]].
+INLINE realv gather_lanes(__global const real* p, __global const int* at) {
+  realv v;
+  real* lane = (real*)&v;
+  for (int l = 0; l < TLED_LANES; ++l) lane[l] = p[at[l]];
+  return v;
+}
 
 // Lane l of the result is lane l + 1 of `own`; the last is lane 0 of `next`.
 // Lane l of the second is lane l - 1 of `own`; lane 0 is `first`.

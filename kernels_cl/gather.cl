@@ -123,13 +123,6 @@ INLINE Vec gather_force(__global const real* element_forces, __global const int*
   return f;
 }
 
-INLINE real next_displacement(real now, real before, real inverse_mass,
-                                     __global const real* step, real f, int component) {
-  const real next =
-      now + step[STEP_VELOCITY] * (now - before) - (step[STEP_FORCE] * inverse_mass) * f;
-  return inverse_mass > R(0.0) ? next + step[STEP_GRAVITY + component] : next;
-}
-
 // Work-item: a node. u_prev is replaced by the displacement after the step.
 __kernel void integrate_nodes(__global const real* restrict u, __global real* restrict u_prev,
                               __global const real* restrict element_forces,

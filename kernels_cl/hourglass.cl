@@ -34,25 +34,14 @@ INLINE void subtract_product(Tensor* P, Vec f, Vec q) {
   P->zz -= f.z * q.z;
 }
 
-// s: modes of the displacement (un-normalised sums, m); cof, inverse_J: of the centre's F.
-// Returns mode forces (N); subtracts the centre term from P_scaled, whose column d carries the
-// factor V/(4 h_d). Rows of F^-1 carry 1/(4 h_d) here, hence the factor 16 in the coefficients.
-INLINE Hourglass physical_hourglass(__global const real* parameters,
-                                           __global const real* shape, Hourglass s, Tensor cof,
-                                           realv inverse_J, Tensor* P_scaled) {
-  const realv jx = inverse_J * shape[SHAPE_GRADIENT], jy = inverse_J * shape[SHAPE_GRADIENT + 1],
-              jz = inverse_J * shape[SHAPE_GRADIENT + 2];
-  Vec ix, iy, iz;
-  ix.x = cof.xx * jx;
-  ix.y = cof.yx * jx;
-  ix.z = cof.zx * jx;
-  iy.x = cof.xy * jy;
-  iy.y = cof.yy * jy;
-  iy.z = cof.zy * jy;
-  iz.x = cof.xz * jz;
-  iz.y = cof.yz * jz;
-  iz.z = cof.zz * jz;
+// h_x/h_y and so on, of the element's box.
+typedef struct { realv xy, yx, yz, zy, zx, xz; } BoxRatios;
 
+// s: modes of the displacement (un-normalised sums, m); ix, iy, iz: rows of F^-1 along the box's axes
+// d over 4 h_d, hence the factor 16 in the coefficients. Returns mode forces (N); subtracts the
+// centre term from P_scaled, whose column d is along axis d and carries the factor V/(4 h_d).
+INLINE Hourglass hourglass_of_box(__global const real* parameters, BoxRatios ratio, Hourglass s,
+                                  Vec ix, Vec iy, Vec iz, Tensor* P_scaled) {
   const Vec q_xy = pulled_back(ix, iy, iz, s.xy);
   const Vec q_yz = pulled_back(ix, iy, iz, s.yz);
   const Vec q_zx = pulled_back(ix, iy, iz, s.zx);
@@ -64,8 +53,8 @@ INLINE Hourglass physical_hourglass(__global const real* parameters,
   const realv bend_z = load_lanes(parameters + MATERIAL_BEND_Z * TLED_LANES);
   const realv twist = load_lanes(parameters + MATERIAL_TWIST * TLED_LANES);
   const realv odd = load_lanes(parameters + MATERIAL_XYZ * TLED_LANES);
-  const real xy = shape[SHAPE_RATIO_XY], yx = shape[SHAPE_RATIO_YX], yz = shape[SHAPE_RATIO_YZ],
-             zy = shape[SHAPE_RATIO_ZY], zx = shape[SHAPE_RATIO_ZX], xz = shape[SHAPE_RATIO_XZ];
+  const realv xy = ratio.xy, yx = ratio.yx, yz = ratio.yz, zy = ratio.zy, zx = ratio.zx,
+              xz = ratio.xz;
 
   const realv twist_z = twist * (xy * q_yz.x + yx * q_zx.y);
   const realv twist_x = twist * (yz * q_zx.y + zy * q_xy.z);
@@ -84,6 +73,31 @@ INLINE Hourglass physical_hourglass(__global const real* parameters,
   f.xyz = scaled_sum(ix, odd * q_xyz.x, iy, odd * q_xyz.y, iz, odd * q_xyz.z);
   subtract_product(P_scaled, f.xyz, q_xyz);
   return f;
+}
+
+// Of a voxel; cof, inverse_J: of the centre's F.
+INLINE Hourglass physical_hourglass(__global const real* parameters, __global const real* shape,
+                                    Hourglass s, Tensor cof, realv inverse_J, Tensor* P_scaled) {
+  const realv jx = inverse_J * shape[SHAPE_GRADIENT], jy = inverse_J * shape[SHAPE_GRADIENT + 1],
+              jz = inverse_J * shape[SHAPE_GRADIENT + 2];
+  Vec ix, iy, iz;
+  ix.x = cof.xx * jx;
+  ix.y = cof.yx * jx;
+  ix.z = cof.zx * jx;
+  iy.x = cof.xy * jy;
+  iy.y = cof.yy * jy;
+  iy.z = cof.zy * jy;
+  iz.x = cof.xz * jz;
+  iz.y = cof.yz * jz;
+  iz.z = cof.zz * jz;
+  BoxRatios ratio;
+  ratio.xy = broadcast(shape[SHAPE_RATIO_XY]);
+  ratio.yx = broadcast(shape[SHAPE_RATIO_YX]);
+  ratio.yz = broadcast(shape[SHAPE_RATIO_YZ]);
+  ratio.zy = broadcast(shape[SHAPE_RATIO_ZY]);
+  ratio.zx = broadcast(shape[SHAPE_RATIO_ZX]);
+  ratio.xz = broadcast(shape[SHAPE_RATIO_XZ]);
+  return hourglass_of_box(parameters, ratio, s, ix, iy, iz, P_scaled);
 }
 
 INLINE Vec scaled(Vec a, realv k) {

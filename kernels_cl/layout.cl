@@ -68,6 +68,17 @@
 #define SHAPE_RATIO_XZ 11
 #define TLED_SHAPE_REALS 16
 
+// A conforming mesh (hexahedra.cl): lane l of block b is an element and a node that have nothing to
+// do with each other. hex_nodes[(block 8 + corner) TLED_LANES + lane]: the corner's x component in
+// u. hex_rows[(block TLED_HEX_ROWS + row) TLED_LANES + lane]; csrc/precompute/hexahedron.hpp.
+#define TLED_HEX_ROWS 55
+#define HEX_GRADIENT 0  // 24: mean dN_a/dX_j at 3 a + j, 1/m
+#define HEX_OFFSET 24   // 12: c_mj at 3 m + j; m: xy, yz, zx, xyz
+#define HEX_AXES 36     // 9: axis d of the box over 4 h_d, at 3 d + j
+#define HEX_SQUARE 45   // 3: 16 h_d^2
+#define HEX_RATIO 48    // 6: h_x/h_y, and so on as SHAPE_RATIO
+#define HEX_VOLUME 54   // m^3
+
 // Rows of blocks that a band walks (rows.cl).
 // bands[2 i]: first row of band i, bands[2 i + 1]: its end. rows[4 i]: first block, number of
 // blocks, flags, unused.

@@ -14,10 +14,14 @@
 #include "muscle/tension_length.cl"
 #include "hourglass.cl"
 #include "element.cl"
+#include "node.cl"
 #if TLED_VECTOR_ROWS
 #include "rows.cl"
-#include "state.cl"
 #else
 #include "gather.cl"
+#endif
+#include "hexahedra.cl"
+#if TLED_VECTOR_ROWS
+#include "state.cl"
 #endif
 #include "conditions.cl"

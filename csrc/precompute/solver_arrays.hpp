@@ -44,6 +44,13 @@ struct SolverArrays {
   std::vector<double> node_mass;           // kg
   std::size_t n_element_blocks = 0;
 
+  // Of a conforming mesh only.
+  std::vector<std::int64_t> corner_slots;  // 8 per element
+  std::vector<std::int32_t> hex_nodes;     // (n_blocks, 8, lanes): where u of the corner begins
+  std::vector<double> hex_rows;            // (n_blocks, TLED_HEX_ROWS, lanes)
+  // node_forces[node_begin[slot]] ... [node_begin[slot + 1]]: where the node's corner forces are.
+  std::vector<std::int32_t> node_begin, node_forces;
+
   // (block, x-chunk, y, z) of every block, for dealing rows to bands.
   std::vector<std::array<std::int32_t, 3>> block_at;
 

@@ -81,15 +81,19 @@ Fibre fibre_state(const double* F, const double* d) {
 std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessState& state) {
   const double* h = model.voxel.data();
   const double inverse_square[3] = {1 / (h[0] * h[0]), 1 / (h[1] * h[1]), 1 / (h[2] * h[2])};
-  const double sum = inverse_square[0] + inverse_square[1] + inverse_square[2];
+  double sum = inverse_square[0] + inverse_square[1] + inverse_square[2];
   const double largest = *std::max_element(inverse_square, inverse_square + 3);
   const std::size_t n_elements = model.n_elements();
 
   std::vector<double> stiffness(n_elements);
   for (std::size_t e = 0; e < n_elements; ++e) {
     const double bulk = model.bulk_modulus[e], mu = model.shear_modulus[e];
+    const double lambda = bulk - 2 * mu / 3;
     const double factor = state.growth.empty() ? 1 : std::max(state.growth[e], 1.0);
-    stiffness[e] = factor * ((bulk - 2 * mu / 3) * sum + 2 * mu * largest);
+    stiffness[e] = factor * (model.conforming()
+                                 ? model.hexahedra[e].stiffening *
+                                       linear_stiffness(model.hexahedra[e], lambda, mu)
+                                 : lambda * sum + 2 * mu * largest);
     if (!state.growth.empty() && !(state.growth[e] > 0)) stiffness[e] = HUGE_VAL;
   }
   for (std::size_t m = 0; m < model.muscles.size(); ++m) {
@@ -99,7 +103,14 @@ std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessSt
     for (std::size_t i = 0; i < muscle.elements.size(); ++i) {
       const double* d = &muscle.fibre[3 * i];
       double along = 0;
-      for (int c = 0; c < 3; ++c) along += d[c] * d[c] * inverse_square[c];
+      if (model.conforming()) {  // 2 d.G d and 2 tr G in place of sums over 1/h^2
+        const auto G = model.hexahedra[muscle.elements[i]].gradient_square();
+        along = 2 * (G[0] * d[0] * d[0] + G[1] * d[1] * d[1] + G[2] * d[2] * d[2]) +
+                4 * (G[3] * d[0] * d[1] + G[4] * d[1] * d[2] + G[5] * d[0] * d[2]);
+        sum = 2 * (G[0] + G[1] + G[2]);
+      } else {
+        for (int c = 0; c < 3; ++c) along += d[c] * d[c] * inverse_square[c];
+      }
       double added = steepest * along;
       if (!state.activations.empty()) {
         const Fibre fibre = fibre_state(&state.deformation_gradient[9 * muscle.elements[i]], d);
@@ -126,11 +137,11 @@ std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessSt
 
 std::vector<double> node_stiffness(const VoxelModel& model, const SolverArrays& arrays,
                                    const std::vector<double>& stiffness) {
-  const double volume = model.voxel[0] * model.voxel[1] * model.voxel[2];
   std::vector<double> at_slot(std::size_t(arrays.n_blocks + 1) * arrays.lanes, 0.0);
-  for (std::size_t e = 0; e < stiffness.size(); ++e)
-    for (int corner = 0; corner < 8; ++corner)
-      at_slot[arrays.corner_slot(e, corner)] += stiffness[e] * volume / 2;
+  for (std::size_t e = 0; e < stiffness.size(); ++e) {
+    const double share = stiffness[e] * model.element_volume(e) / 2;
+    for (int corner = 0; corner < 8; ++corner) at_slot[arrays.corner_slot(e, corner)] += share;
+  }
   std::vector<double> result(model.n_nodes());
   for (std::size_t n = 0; n < result.size(); ++n) result[n] = at_slot[arrays.node_slot[n]];
   return result;

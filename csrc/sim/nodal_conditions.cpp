@@ -136,9 +136,7 @@ void NodalConditions::make_pressures() {
     std::array<double, kShapeReals> shape;
     for (int a = 0; a < 3; ++a)
       for (const int diagonal : {0, 1})
-        shape[3 * diagonal + a] = (model_.node_ijk[3 * nodes[diagonal + 2] + order[a]] -
-                                   model_.node_ijk[3 * nodes[diagonal] + order[a]]) *
-                                  model_.voxel[order[a]];
+        shape[3 * diagonal + a] = model_.way(nodes[diagonal], nodes[diagonal + 2])[order[a]];
     const auto [it, is_new] =
         shape_index.emplace(shape, static_cast<std::int32_t>(shape_index.size()));
     if (is_new) shapes.insert(shapes.end(), shape.begin(), shape.end());
@@ -239,10 +237,10 @@ std::vector<double> NodalConditions::force(const std::vector<double>& u,
   for (std::size_t f = 0; f < given_.pressure_channels.size(); ++f) {
     const std::int32_t* nodes = &given_.pressure_faces[4 * f];
     double x[4][3];
-    for (int corner = 0; corner < 4; ++corner)
-      for (int c = 0; c < 3; ++c)
-        x[corner][c] =
-            model_.node_ijk[3 * nodes[corner] + c] * model_.voxel[c] + u[3 * nodes[corner] + c];
+    for (int corner = 0; corner < 4; ++corner) {
+      const auto at = model_.position(nodes[corner]);
+      for (int c = 0; c < 3; ++c) x[corner][c] = at[c] + u[3 * nodes[corner] + c];
+    }
     const auto area = cross(difference(x[2], x[0]), difference(x[3], x[1]));
     const double p = -values[given_.n_loads + given_.pressure_channels[f]] / 8;
     for (int corner = 0; corner < 4; ++corner)

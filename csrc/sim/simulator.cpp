@@ -11,13 +11,6 @@ namespace {
 
 // Steps of one table of activations: long enough that writing it costs nothing.
 constexpr std::size_t kBatch = 256;
-// Where the kernels take the index of the step in the table.
-constexpr unsigned kRowsStepIndex = 20, kElementsStepIndex = 14, kNodesStepIndex = 7;
-constexpr unsigned kElementsStore = 16;  // 1: the element kernel keeps the history of laws
-// Where those that integrate take the links of blocks and the inverse masses.
-constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kNodesBlocks = 3, kNodesNodeSets = 4;
-// Work-items a group of the gather kernels: four blocks of 16 lanes.
-constexpr std::size_t kGroup = 64;
 
 template <class T>
 std::vector<T> narrowed(const std::vector<double>& values) {
@@ -43,6 +36,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   precompute_.lanes = program.lanes;
   precompute_.hourglass = options_.hourglass;
   precompute_.kappa = options_.kappa;
+  if (model_.conforming() && options_.hourglass == HourglassForm::kKappa)
+    set_kappa_stiffening(model_, options_.kappa);
   arrays_ = make_solver_arrays(model_, precompute_);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions);
@@ -67,23 +62,19 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   muscle_constants_ = upload(arrays_.muscle_constants);
   shape_ = upload(arrays_.shape);
   step_table_ = allocate(kBatch * step_reals_ * real);
-  if (rows_) {
-    // Two bands a compute unit: enough to level them out, few enough that seed rows cost little.
-    const std::size_t wanted =
-        options_.n_bands ? options_.n_bands : 2 * std::size_t(device_->info().compute_units);
-    bands_ = arrays_.make_bands(wanted);
-    bands_buffer_ = upload(bands_.bands);
-    row_buffer_ = upload(bands_.rows);
-    scratch_ = allocate(bands_.n_bands() * bands_.n_planes * SCRATCH_ROWS * lanes * real);
-    edge_ = allocate(std::size_t(arrays_.n_blocks + 1) * 4 * real);
-  } else {
-    element_forces_ = allocate(slots * 24 * real);
-  }
+  ForcePathOptions path;
+  path.precision = options_.precision;
+  path.hourglass = options_.hourglass;
+  path.rows = rows_;
+  path.n_bands = options_.n_bands;
+  path.step_reals = step_reals_;
+  path_ = make_force_path(*device_, *program_, arrays_, solver_buffers(), path);
+  device_bytes_ += path_->bytes();
   conditions_ =
       std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,
                                         options_.precision, first_column, kBatch);
   device_bytes_ += conditions_->bytes();
-  bind();
+  bind_masses(*blocks_, *node_sets_);
 }
 
 std::unique_ptr<Buffer> Simulator::upload(const std::vector<double>& values, std::size_t at_least) {
@@ -112,49 +103,23 @@ void Simulator::write_reals(Buffer& buffer, const std::vector<double>& values) {
   }
 }
 
-void Simulator::bind() {
-  const auto make = [&](const std::string& name, std::initializer_list<const Buffer*> buffers,
-                        std::initializer_list<std::int32_t> integers) {
-    auto kernel = program_->kernel(name);
-    unsigned index = 0;
-    for (const Buffer* buffer : buffers) kernel->set_arg(index++, *buffer);
-    for (const std::int32_t value : integers) kernel->set_arg(index++, value);
-    return kernel;
-  };
-  const std::string form = options_.hourglass == HourglassForm::kPhysical ? "physical" : "kappa";
-  for (int parity = 0; parity < 2; ++parity) {
-    Buffer *u = u_[parity].get(), *other = u_[1 - parity].get();
-    if (rows_) {
-      for (const bool forces : {false, true})
-        (forces ? force_ : step_)[parity] = make(
-            (forces ? "force_rows_" : "step_rows_") + form,
-            {u, other, bands_buffer_.get(), row_buffer_.get(), blocks_.get(), materials_.get(),
-             node_sets_.get(), law_entries_.get(), law_sets_.get(), history_[parity].get(),
-             history_[1 - parity].get(), muscle_entries_.get(), muscle_sets_.get(),
-             muscle_constants_.get(), shape_.get(), step_table_.get(), scratch_.get(), edge_.get()},
-            {static_cast<std::int32_t>(bands_.n_bands()), bands_.n_planes, 0, step_reals_});
-    } else {
-      step_[parity] = make("element_forces_" + form,
-                           {u, element_forces_.get(), blocks_.get(), materials_.get(),
-                            law_entries_.get(), law_sets_.get(), history_[parity].get(),
-                            history_[1 - parity].get(), muscle_entries_.get(), muscle_sets_.get(),
-                            muscle_constants_.get(), shape_.get(), step_table_.get()},
-                           {arrays_.n_blocks, 0, step_reals_, 1});
-      integrate_[parity] = make(
-          "integrate_nodes",
-          {u, other, element_forces_.get(), blocks_.get(), node_sets_.get(), step_table_.get()},
-          {arrays_.n_blocks, 0, step_reals_});
-    }
-  }
-  bind_masses(*blocks_, *node_sets_);
+SolverBuffers Simulator::solver_buffers() const {
+  return {{u_[0].get(), u_[1].get()},
+          {history_[0].get(), history_[1].get()},
+          blocks_.get(),
+          materials_.get(),
+          node_sets_.get(),
+          law_entries_.get(),
+          law_sets_.get(),
+          muscle_entries_.get(),
+          muscle_sets_.get(),
+          muscle_constants_.get(),
+          shape_.get(),
+          step_table_.get()};
 }
 
 void Simulator::bind_masses(const Buffer& blocks, const Buffer& node_sets) {
-  for (int parity = 0; parity < 2; ++parity) {
-    Kernel& kernel = rows_ ? *step_[parity] : *integrate_[parity];
-    kernel.set_arg(rows_ ? kRowsBlocks : kNodesBlocks, blocks);
-    kernel.set_arg(rows_ ? kRowsNodeSets : kNodesNodeSets, node_sets);
-  }
+  path_->bind_masses(blocks, node_sets);
   const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
   conditions_->bind(u, blocks, node_sets, *step_table_, step_reals_);
 }
@@ -170,17 +135,7 @@ void Simulator::fill_step(double* row, const double* activations, const double* 
 }
 
 void Simulator::enqueue_step(std::int32_t index, std::int32_t key) {
-  const std::size_t n_slots = std::size_t(arrays_.n_blocks) * arrays_.lanes;
-  Kernel& kernel = *step_[now_];
-  if (rows_) {
-    kernel.set_arg(kRowsStepIndex, index);
-    kernel.enqueue(bands_.n_bands(), 1);
-  } else {
-    kernel.set_arg(kElementsStepIndex, index);
-    kernel.enqueue(n_slots, kGroup);
-    integrate_[now_]->set_arg(kNodesStepIndex, index);
-    integrate_[now_]->enqueue(n_slots, kGroup);
-  }
+  path_->enqueue_step(now_, index);
   conditions_->enqueue(now_, index, key);
 }
 
@@ -385,26 +340,7 @@ std::vector<double> Simulator::internal_force(const std::vector<double>& activat
   device_->finish();
   write_reals(*step_table_, row);
   auto force = device_->allocate(u_[0]->bytes());
-  const std::size_t n_slots = std::size_t(arrays_.n_blocks) * arrays_.lanes;
-  if (rows_) {
-    Kernel& kernel = *force_[now_];
-    kernel.set_arg(1, *force);
-    kernel.enqueue(bands_.n_bands(), 1);
-    device_->finish();
-    kernel.set_arg(1, *u_[1 - now_]);
-  } else {
-    step_[now_]->set_arg(kElementsStepIndex, std::int32_t(0));
-    step_[now_]->set_arg(kElementsStore, std::int32_t(0));
-    step_[now_]->enqueue(n_slots, kGroup);
-    step_[now_]->set_arg(kElementsStore, std::int32_t(1));
-    auto gather = program_->kernel("gather_forces");
-    gather->set_arg(0, *force);
-    gather->set_arg(1, *element_forces_);
-    gather->set_arg(2, *blocks_);
-    gather->set_arg(3, arrays_.n_blocks);
-    gather->enqueue(n_slots, kGroup);
-    device_->finish();
-  }
+  path_->enqueue_forces(now_, *force);
   return slots_to_nodes(arrays_, read_slots(*force));
 }
 

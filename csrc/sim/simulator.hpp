@@ -11,13 +11,12 @@
 #include "backend/device.hpp"
 #include "precompute/solver_arrays.hpp"
 #include "precompute/time_step.hpp"
+#include "sim/force_path.hpp"
 #include "sim/nodal_conditions.hpp"
 #include "sim/state_evaluator.hpp"
 #include "sim/step_limit.hpp"
 
 namespace tledface {
-
-enum class KernelPath { kAuto, kRows, kGather };
 
 struct SimulatorOptions {
   Precision precision = Precision::kSingle;
@@ -139,7 +138,7 @@ class Simulator {
                  double field_weight) const;
   void enqueue_step(std::int32_t index, std::int32_t key);
   static std::size_t largest_batch();  // steps of one table
-  void bind();
+  SolverBuffers solver_buffers() const;
   // Which masses the kernels integrate with.
   void bind_masses(const Buffer& blocks, const Buffer& node_sets);
   StateEvaluator& evaluator();
@@ -153,7 +152,6 @@ class Simulator {
   PrecomputeOptions precompute_;
   SolverArrays arrays_;
   bool rows_ = true;
-  RowBands bands_;
   std::size_t device_bytes_ = 0;
   std::int32_t step_reals_ = 0;
 
@@ -166,10 +164,9 @@ class Simulator {
     std::unique_ptr<NodalConditions> gravity;
   };
   std::unique_ptr<Relaxation> relaxation_;
-  std::unique_ptr<Buffer> u_[2], blocks_, bands_buffer_, row_buffer_, materials_, node_sets_,
-      muscle_entries_, muscle_sets_, muscle_constants_, shape_, step_table_, scratch_, edge_,
-      element_forces_, law_entries_, law_sets_, history_[2];
-  std::unique_ptr<Kernel> step_[2], integrate_[2], force_[2];
+  std::unique_ptr<Buffer> u_[2], blocks_, materials_, node_sets_, muscle_entries_, muscle_sets_,
+      muscle_constants_, shape_, step_table_, law_entries_, law_sets_, history_[2];
+  std::unique_ptr<ForcePath> path_;
   std::unique_ptr<StateEvaluator> evaluator_;  // these two are made when first asked for
   std::unique_ptr<StepLimiter> limiter_;
   int now_ = 0;

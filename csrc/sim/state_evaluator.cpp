@@ -26,7 +26,8 @@ StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions option
   u_ = host_->allocate(slots * 3);
   state_ = host_->allocate(slots * TLED_STATE_ROWS);
   step_ = host_->allocate((STEP_ACTIVATION + model.muscles.size()) * sizeof(double));
-  kernel_ = program_->kernel("element_state");
+  const bool conforming = model.conforming();
+  kernel_ = program_->kernel(conforming ? "hex_state" : "element_state");
   unsigned argument = 0;
   kernel_->set_arg(argument++, *u_);
   kernel_->set_arg(argument++, *state_);
@@ -47,15 +48,22 @@ StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions option
   bind(arrays_.muscle_constants.data(), bytes_of(arrays_.muscle_constants));
   bind(arrays_.shape.data(), bytes_of(arrays_.shape));
   kernel_->set_arg(argument++, *step_);
+  if (conforming) {
+    bind(arrays_.hex_nodes.data(), bytes_of(arrays_.hex_nodes));
+    bind(arrays_.hex_rows.data(), bytes_of(arrays_.hex_rows));
+  }
   kernel_->set_arg(argument++, arrays_.n_blocks);
   kernel_->set_arg(argument++, std::int32_t(physical_));
 
   growth_ = host_->allocate(slots);
-  growth_kernel_ = program_->kernel("element_growth");
+  growth_kernel_ = program_->kernel(conforming ? "hex_growth" : "element_growth");
   argument = 0;
   for (const Buffer* buffer :
-       {u_.get(), growth_.get(), constants_[0].get(), constants_[1].get(), constants_[7].get()})
+       {u_.get(), growth_.get(), constants_[0].get(), constants_[1].get()})
     growth_kernel_->set_arg(argument++, *buffer);
+  // The shape of all voxels, or nodes and rows of each hexahedron.
+  for (std::size_t i = conforming ? 8 : 7; i < constants_.size(); ++i)
+    growth_kernel_->set_arg(argument++, *constants_[i]);
   growth_kernel_->set_arg(argument, arrays_.n_blocks);
 }
 

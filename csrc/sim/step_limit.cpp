@@ -114,7 +114,7 @@ double StepLimiter::highest_square(const std::vector<double>& u,
     return host_->internal_force(activations);
   };
   const auto force = force_at(u);
-  const double edge = *std::min_element(model_.voxel.begin(), model_.voxel.end());
+  const double edge = model_.shortest_edge();
   std::vector<double> alpha, beta;
   for (int iteration = 0; iteration < kMostIterations; ++iteration) {
     double largest = 0;

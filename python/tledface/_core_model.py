@@ -12,11 +12,16 @@ from tledface import _core
 from tledface.conditions import prescribed_mask
 from tledface.errors import InputError
 from tledface.muscle import CALCIUM_BETA
+from tledface.surface import HEX_CORNERS
 
 if TYPE_CHECKING:
     from tledface.model import Model
 
 __all__ = ["HostMemory", "check_number", "checked_field", "core_model"]
+
+
+# Corner 1 x + 2 y + 4 z of the core among the corners in VTK order.
+_CORNERS_BY_BITS = np.argsort(HEX_CORNERS @ (1, 2, 4))
 
 
 class HostMemory:
@@ -49,11 +54,12 @@ def core_model(
     """
     parameters = model.element_parameters()
     gx, gy, gz = (0.0 if weightless else float(g) for g in model.gravity)
-    hx, hy, hz = (float(h) for h in model.voxel)
+    no_grid = np.empty((0, 3), dtype=np.int32)
+    hx, hy, hz = (1.0, 1.0, 1.0) if model.is_conforming else (float(h) for h in model.voxel)
     core = _core.VoxelModel(
         voxel=(hx, hy, hz),
-        cells=model.cells,
-        node_ijk=model.node_ijk,
+        cells=no_grid if model.is_conforming else model.cells,
+        node_ijk=no_grid if model.is_conforming else model.node_ijk,
         mu=parameters["mu_base"],
         shear_modulus=parameters["mu"],
         bulk_modulus=parameters["bulk"],
@@ -64,6 +70,12 @@ def core_model(
         fixed=(model.fixed | prescribed_mask(model)).astype(np.uint8),
         gravity=(gx, gy, gz),
     )
+    if model.is_conforming:
+        # Relative to the middle: bodies may lie metres from their origin.
+        middle = 0.5 * (model.nodes.min(axis=0) + model.nodes.max(axis=0))
+        core.set_hexahedra(
+            positions=model.nodes - middle, corners=model.elements[:, _CORNERS_BY_BITS]
+        )
     for name, elements, rows in model.law_rows():
         core.add_law(name=name, elements=elements, rows=rows)
     for muscle in model.muscles if muscles else []:

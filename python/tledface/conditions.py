@@ -232,18 +232,18 @@ class Sampler:
 
     def _add_body_force(self, load: BodyForce) -> None:
         model = self.model
-        share = float(np.prod(model.voxel)) / 8.0
+        share = model.volumes[load.elements] / 8.0
         corners = model.elements[load.elements]
         if callable(load.force):
             weight = np.zeros(model.n_nodes)
-            np.add.at(weight, corners, share)
+            np.add.at(weight, corners, share[:, None])
             nodes = np.flatnonzero(weight)
             for component in range(3):
                 self.core.add_load(3 * nodes + component, weight[nodes])
                 self._loads.append((load.force, component))
             return
         force = np.zeros((model.n_nodes, 3))
-        by_element = np.broadcast_to(load.force, (len(load.elements), 3)) * share
+        by_element = np.broadcast_to(load.force, (len(load.elements), 3)) * share[:, None]
         np.add.at(force, corners, by_element[:, None, :])
         dofs = np.flatnonzero(force)
         self.core.add_load(dofs, force.ravel()[dofs])

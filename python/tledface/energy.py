@@ -69,7 +69,7 @@ class EnergyLedger:
         damping: 1/s.
         held: (n_nodes, 3), fixed or prescribed components.
         name_of: Name of an element's tissue or muscle.
-        volume: Of an element, m3.
+        volume: (n_elem,) m3.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class EnergyLedger:
         damping: float,
         held: NDArray[np.bool_],
         name_of: Callable[[int], str],
-        volume: float,
+        volume: Floats,
     ) -> None:
         """See the class."""
         self._core, self._host, self._passive, self._past = core, host, passive, past
@@ -214,7 +214,7 @@ class EnergyLedger:
         hourglass = np.asarray(state["hourglass_density"]) * self._volume
         return _Entry(
             kinetic=0.5 * float((self._mass * before * after).sum()),
-            strain=float(np.asarray(state["energy_density"]).sum()) * self._volume,
+            strain=float((np.asarray(state["energy_density"]) * self._volume).sum()),
             hourglass=float(hourglass.sum()),
             u=u,
             external=external,

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +33,9 @@ from tledface.constitutive import Material
 from tledface.errors import InputError
 from tledface.muscle import LAWS, Muscle
 from tledface.surface import HEX_CORNERS, BoundSurface, boundary_surface
+
+if TYPE_CHECKING:
+    from tledface.conforming import HexahedralModel
 
 __all__ = ["Model", "Where"]
 
@@ -60,6 +63,9 @@ class Model(ConditionsMixin):
         report: what the build of a scene found and left out; empty for other models, not saved.
     """
 
+    # Elements are hexahedra of any shape (tledface.conforming) instead of voxels.
+    is_conforming = False
+
     def __init__(
         self,
         voxel: ArrayLike,
@@ -81,14 +87,23 @@ class Model(ConditionsMixin):
         self.cells = checked_cells(cells)
         self.node_ijk, self.elements = _number_nodes(self.cells)
         self.nodes: Floats = self.origin + self.node_ijk * self.voxel
-        self.tissues = checked_tissues(tissues, tissue_materials)
-        self.tissue_materials = list(tissue_materials)
-        self.fractions = checked_fractions(fractions, len(self.cells), self.tissues)
+        names = checked_tissues(tissues, tissue_materials)
+        table = checked_fractions(fractions, len(self.cells), names)
         self.section_ratio: Floats | None
         self.layer_normal: Floats | None
         self.section_ratio, self.layer_normal = checked_section(
             section_ratio, layer_normal, len(self.cells)
         )
+        self._hold(names, list(tissue_materials), table, surfaces)
+
+    def _hold(
+        self,
+        tissues: list[str],
+        tissue_materials: list[Material],
+        fractions: Floats,
+        surfaces: Mapping[str, BoundSurface] | None,
+    ) -> None:
+        self.tissues, self.tissue_materials, self.fractions = tissues, tissue_materials, fractions
         self.fixed: Mask = np.zeros((len(self.nodes), 3), dtype=bool)
         self.muscles: list[Muscle] = []
         self._init_conditions()
@@ -183,17 +198,80 @@ class Model(ConditionsMixin):
             surfaces=surfaces,
         )
 
+    @classmethod
+    def from_hexahedra(
+        cls,
+        nodes: ArrayLike,
+        elements: ArrayLike,
+        tissues: Sequence[str],
+        tissue_materials: Sequence[Material],
+        fractions: ArrayLike,
+    ) -> HexahedralModel:
+        """Return a model of distorted hexahedra, a conforming mesh instead of voxels.
+
+        Args:
+            nodes: (n_nodes, 3) m, each used by an element.
+            elements: (n_elem, 8) int, nodes in VTK hexahedron order.
+            tissues, tissue_materials, fractions: as for `from_voxels`.
+
+        Raises:
+            InputError: any of the above does not hold, or an element is inside out.
+        """
+        from tledface.conforming import HexahedralModel
+
+        return HexahedralModel(nodes, elements, tissues, tissue_materials, fractions)
+
+    @classmethod
+    def from_mesh(
+        cls,
+        path: str | Path,
+        materials: Material | Mapping[str | int, Material],
+        *,
+        scale: float = 1.0,
+        regions: str | None = None,
+    ) -> HexahedralModel:
+        """Return a model of the hexahedra of a mesh file (Gmsh, VTK, Abaqus, …; needs meshio).
+
+        Args:
+            path: The file; cells of other kinds in it are left out.
+            materials: One material, or one for each region, by number or, where the file names
+                regions, by name.
+            scale: Metres a unit of the file.
+            regions: Cell data with region numbers; None looks for the usual names.
+
+        Raises:
+            InputError: no such file, meshio is missing or cannot read it, no hexahedron, a region
+                without material, an element that is inside out.
+        """
+        from tledface.conforming import read_mesh
+
+        return read_mesh(path, materials, scale=scale, regions=regions)
+
+    def as_hexahedra(self) -> HexahedralModel:
+        """Return the same body as a conforming mesh, with its muscles, held nodes and gravity.
+
+        For bodies whose nodes are to be moved off the grid. Layered voxels lose their section
+        modulus; prescribed motion, loads and bound surfaces are not taken along.
+        """
+        model = self.from_hexahedra(
+            self.nodes, self.elements, self.tissues, self.tissue_materials, self.fractions
+        )
+        model.muscles = list(self.muscles)
+        model.fixed[:] = self.fixed
+        model.gravity = self.gravity
+        return model
+
     def __repr__(self) -> str:
         """Return a one-line summary."""
         return (
-            f"<tledface.Model {self.n_elements} elements, {self.n_nodes} nodes, "
+            f"<tledface.{type(self).__name__} {self.n_elements} elements, {self.n_nodes} nodes, "
             f"tissues {self.tissues}, muscles {[m.name for m in self.muscles]}>"
         )
 
     @property
     def n_elements(self) -> int:
         """Number of elements."""
-        return len(self.cells)
+        return len(self.elements)
 
     @property
     def n_nodes(self) -> int:
@@ -204,6 +282,16 @@ class Model(ConditionsMixin):
     def centres(self) -> Floats:
         """Element centres, (n_elem, 3) m, reference."""
         return self.origin + (self.cells + 0.5) * self.voxel
+
+    @property
+    def volumes(self) -> Floats:
+        """Volume of each element, (n_elem,) m3."""
+        return np.full(self.n_elements, float(np.prod(self.voxel)))
+
+    @property
+    def shortest_edge(self) -> float:
+        """Shortest edge of an element, m."""
+        return float(self.voxel.min())
 
     @property
     def gravity(self) -> Floats:

@@ -46,7 +46,7 @@ class Simulator(Results):
     """Explicit total Lagrangian simulation of a model.
 
     Args:
-        model: The voxel model; it is copied to the device, later changes to it are not seen.
+        model: The model; it is copied to the device, later changes to it are not seen.
         device: ``"auto"`` (a working GPU, else native), ``"native"``, ``"opencl"``,
             ``"opencl:N"``, a `tledface.device.Device` or a ``pyopencl.Device``.
         precision: ``"single"`` or ``"double"``.
@@ -129,7 +129,7 @@ class Simulator(Results):
                 raise
             if not isinstance(scaling, dict) or self._watch.auto_dt >= scaling["dt"]:
                 break
-        self._added_mass = added_mass(density, scaled, float(np.prod(model.voxel)))
+        self._added_mass = added_mass(density, scaled, model.volumes)
         # What the device's state answers to: nothing before the first step or relaxation.
         self._applied = self._values_of_rest()
         self._start_prescribed()
@@ -254,7 +254,7 @@ class Simulator(Results):
             self._core,
             held=self.model.fixed | prescribed,
             prescribed=prescribed,
-            edge=float(self.model.voxel.min()),
+            edge=self.model.shortest_edge,
             start=start,
             target=target,
             tolerance=float(tolerance),
@@ -433,7 +433,7 @@ class Simulator(Results):
             damping=self._options["damping"],
             held=model.fixed | prescribed_mask(model),
             name_of=self._name_of,
-            volume=float(np.prod(model.voxel)),
+            volume=model.volumes,
         )
 
     def _enter_energies(self, ledger: EnergyLedger) -> None:

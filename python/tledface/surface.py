@@ -137,6 +137,11 @@ def bind(
     A branch and bound over an octree of the occupied voxels, exact at any distance.
     """
     points = _checked_points(vertices)
+    if model.is_conforming:
+        raise InputError(
+            "bind: surfaces can be bound to voxel models only; a conforming mesh carries its own "
+            "boundary, surfaces['surface']"
+        )
     origin, voxel = model.origin, model.voxel
     levels, order = _octree(model.cells)
     element = np.empty(len(points), dtype=np.int32)
@@ -175,6 +180,8 @@ def _boundary_codes(model: Model) -> NDArray[np.int64]:
 
     Codes rather than nodes, so that a vertex knows an element that carries it.
     """
+    if model.is_conforming:
+        return _mesh_boundary_codes(model.elements)
     cells = model.cells.astype(np.int64)
     extent = cells.max(axis=0) + 3
     key = _pack(cells + 1, extent)
@@ -187,6 +194,15 @@ def _boundary_codes(model: Model) -> NDArray[np.int64]:
         quads.append(np.stack([owner * 8 + corner for corner in corners], axis=1))
         owners.append(owner)
     return np.concatenate(quads)
+
+
+def _mesh_boundary_codes(elements: NDArray[np.int32]) -> NDArray[np.int64]:
+    """The same of a conforming mesh: faces whose four nodes no other face has."""
+    codes = np.arange(len(elements))[:, None, None] * 8 + _FACE_CORNERS
+    quads = codes.reshape(-1, 4)
+    nodes = np.sort(elements.reshape(-1)[quads], axis=1)
+    _, inverse, count = np.unique(nodes, axis=0, return_inverse=True, return_counts=True)
+    return quads[count[inverse.reshape(-1)] == 1]
 
 
 def _checked_points(vertices: ArrayLike) -> NDArray[np.float64]:

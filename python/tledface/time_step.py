@@ -248,12 +248,12 @@ def scaled_density(
     return density * scaling
 
 
-def added_mass(density: Floats, scaled: Floats, volume: float) -> AddedMass:
-    """What a change of density (n_elem,) kg/m3 adds to elements of one volume, m3."""
-    kg = float((scaled - density).sum()) * volume
+def added_mass(density: Floats, scaled: Floats, volumes: Floats) -> AddedMass:
+    """What a change of density (n_elem,) kg/m3 adds to elements of these volumes, m3."""
+    kg = float(((scaled - density) * volumes).sum())
     return AddedMass(
         kg=kg,
-        share=kg / (float(density.sum()) * volume),
+        share=kg / float((density * volumes).sum()),
         elements=int(np.count_nonzero(scaled > density)),
     )
 

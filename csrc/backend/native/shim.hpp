@@ -32,6 +32,11 @@ inline unsigned long get_global_id(unsigned) { return current_item; }
 inline realv broadcast(real x) { return x - realv{}; }
 inline realv load_lanes(const real* p) { return *reinterpret_cast<const realv_in_memory*>(p); }
 inline void store_lanes(realv v, real* p) { *reinterpret_cast<realv_in_memory*>(p) = v; }
+inline realv gather_lanes(const real* p, const int* at) {
+  realv v{};
+  for (int lane = 0; lane < TLED_LANES; ++lane) v[lane] = p[at[lane]];
+  return v;
+}
 
 #if TLED_LANES == 16
 inline realv next_lanes(realv own, realv next) {

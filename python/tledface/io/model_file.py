@@ -52,9 +52,11 @@ def write_model(model: Model, file: h5py.Group) -> None:
     file.attrs["format"] = FORMAT
     file.attrs["version"] = VERSION
     file.attrs["units"] = UNITS
-    for name in ("voxel", "origin", "gravity"):
+    grid = () if model.is_conforming else ("voxel", "origin")
+    for name in (*grid, "gravity"):
         file.attrs[name] = getattr(model, name)
-    for name in ("cells", "fractions", "fixed"):
+    mesh = ("nodes", "elements") if model.is_conforming else ("cells",)
+    for name in (*mesh, "fractions", "fixed"):
         file.create_dataset(name, data=getattr(model, name), **_COMPRESSION)
     if model.section_ratio is not None:
         for name in ("section_ratio", "layer_normal"):
@@ -173,19 +175,7 @@ def read_model(file: h5py.Group) -> Model:
 
     Raises InputError, KeyError, OSError, TypeError, ValueError or IndexError for a damaged one.
     """
-    tissues = _numbered(file, "tissues")
-    layered = "section_ratio" in file
-    model = Model.from_voxels(
-        file.attrs["voxel"],
-        file.attrs["origin"],
-        file["cells"][()],
-        [str(group.attrs["name"]) for group in tissues],
-        [_material(group) for group in tissues],
-        file["fractions"][()],
-        section_ratio=file["section_ratio"][()] if layered else None,
-        layer_normal=file["layer_normal"][()] if layered else None,
-        surfaces={},
-    )
+    model = _read_elements(file)
     model.gravity = file.attrs["gravity"]
     fixed = file["fixed"][()].astype(bool)
     if fixed.shape != model.fixed.shape:
@@ -218,6 +208,29 @@ def read_model(file: h5py.Group) -> Model:
             model.elements[element],
         )
     return model
+
+
+def _read_elements(file: h5py.Group) -> Model:
+    groups = _numbered(file, "tissues")
+    tissues = [str(group.attrs["name"]) for group in groups]
+    materials = [_material(group) for group in groups]
+    fractions = file["fractions"][()]
+    if "nodes" in file:
+        return Model.from_hexahedra(
+            file["nodes"][()], file["elements"][()], tissues, materials, fractions
+        )
+    layered = "section_ratio" in file
+    return Model.from_voxels(
+        file.attrs["voxel"],
+        file.attrs["origin"],
+        file["cells"][()],
+        tissues,
+        materials,
+        fractions,
+        section_ratio=file["section_ratio"][()] if layered else None,
+        layer_normal=file["layer_normal"][()] if layered else None,
+        surfaces={},
+    )
 
 
 def _numbered(file: h5py.File, name: str) -> list[h5py.Group]:

@@ -1,0 +1,234 @@
+#include "sim/force_path.hpp"
+
+#include <initializer_list>
+#include <string>
+#include <vector>
+
+#include "precompute/layout.hpp"
+
+namespace tledface {
+namespace {
+
+// Where the kernels take the index of the step in the table.
+constexpr unsigned kRowsStepIndex = 20, kElementsStepIndex = 14, kNodesStepIndex = 7,
+                   kHexStepIndex = 16, kHexNodesStepIndex = 9;
+constexpr unsigned kElementsStore = 16, kHexStore = 18;  // 1: the history of laws is kept
+// Where those that integrate take the links of blocks and the inverse masses.
+constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kNodesBlocks = 3, kNodesNodeSets = 4;
+// Work-items a group of the gather kernels: four blocks of 16 lanes.
+constexpr std::size_t kGroup = 64;
+
+class Binder {
+ public:
+  Binder(Device& device, Program& program) : device_(device), program_(program) {}
+
+  std::unique_ptr<Kernel> make(const std::string& name,
+                               std::initializer_list<const Buffer*> buffers,
+                               std::initializer_list<std::int32_t> integers) const {
+    auto kernel = program_.kernel(name);
+    unsigned index = 0;
+    for (const Buffer* buffer : buffers) kernel->set_arg(index++, *buffer);
+    for (const std::int32_t value : integers) kernel->set_arg(index++, value);
+    return kernel;
+  }
+
+  std::unique_ptr<Buffer> allocate(std::size_t bytes, std::size_t& total) const {
+    total += bytes;
+    return device_.allocate(bytes);
+  }
+
+  std::unique_ptr<Buffer> upload(const std::vector<std::int32_t>& values,
+                                 std::size_t& total) const {
+    auto buffer = allocate(values.size() * sizeof(std::int32_t), total);
+    buffer->write(values.data(), values.size() * sizeof(std::int32_t));
+    return buffer;
+  }
+
+ private:
+  Device& device_;
+  Program& program_;
+};
+
+std::string form_of(const ForcePathOptions& options) {
+  return options.hourglass == HourglassForm::kPhysical ? "physical" : "kappa";
+}
+
+class RowsPath final : public ForcePath {
+ public:
+  RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays,
+           const SolverBuffers& b, const ForcePathOptions& options)
+      : u_{b.u[0], b.u[1]} {
+    // Two bands a compute unit: enough to level them out, few enough that seed rows cost little.
+    const std::size_t wanted =
+        options.n_bands ? options.n_bands : 2 * std::size_t(device.info().compute_units);
+    const RowBands bands = arrays.make_bands(wanted);
+    n_bands_ = bands.n_bands();
+    const std::size_t real = real_size(options.precision);
+    bands_ = binder.upload(bands.bands, bytes_);
+    rows_ = binder.upload(bands.rows, bytes_);
+    scratch_ =
+        binder.allocate(n_bands_ * bands.n_planes * SCRATCH_ROWS * arrays.lanes * real, bytes_);
+    edge_ = binder.allocate(std::size_t(arrays.n_blocks + 1) * 4 * real, bytes_);
+    for (int parity = 0; parity < 2; ++parity)
+      for (const bool forces : {false, true})
+        (forces ? force_ : step_)[parity] = binder.make(
+            (forces ? "force_rows_" : "step_rows_") + form_of(options),
+            {b.u[parity], b.u[1 - parity], bands_.get(), rows_.get(), b.blocks, b.materials,
+             b.node_sets, b.law_entries, b.law_sets, b.history[parity], b.history[1 - parity],
+             b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape, b.step_table,
+             scratch_.get(), edge_.get()},
+            {static_cast<std::int32_t>(n_bands_), bands.n_planes, 0, options.step_reals});
+  }
+
+  void bind_masses(const Buffer& blocks, const Buffer& node_sets) override {
+    for (const auto& kernel : step_) {
+      kernel->set_arg(kRowsBlocks, blocks);
+      kernel->set_arg(kRowsNodeSets, node_sets);
+    }
+  }
+  void enqueue_step(int now, std::int32_t index) override {
+    step_[now]->set_arg(kRowsStepIndex, index);
+    step_[now]->enqueue(n_bands_, 1);
+  }
+  void enqueue_forces(int now, Buffer& force) override {
+    force_[now]->set_arg(1, force);
+    force_[now]->enqueue(n_bands_, 1);
+    force_[now]->set_arg(1, *u_[1 - now]);
+  }
+
+ private:
+  const Buffer* u_[2];
+  std::size_t n_bands_ = 0;
+  std::unique_ptr<Buffer> bands_, rows_, scratch_, edge_;
+  std::unique_ptr<Kernel> step_[2], force_[2];
+};
+
+class GatherPath final : public ForcePath {
+ public:
+  GatherPath(const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
+             const ForcePathOptions& options)
+      : n_slots_(std::size_t(arrays.n_blocks) * arrays.lanes) {
+    element_forces_ =
+        binder.allocate((n_slots_ + arrays.lanes) * 24 * real_size(options.precision), bytes_);
+    for (int parity = 0; parity < 2; ++parity) {
+      step_[parity] = binder.make(
+          "element_forces_" + form_of(options),
+          {b.u[parity], element_forces_.get(), b.blocks, b.materials, b.law_entries, b.law_sets,
+           b.history[parity], b.history[1 - parity], b.muscle_entries, b.muscle_sets,
+           b.muscle_constants, b.shape, b.step_table},
+          {arrays.n_blocks, 0, options.step_reals, 1});
+      integrate_[parity] = binder.make("integrate_nodes",
+                                       {b.u[parity], b.u[1 - parity], element_forces_.get(),
+                                        b.blocks, b.node_sets, b.step_table},
+                                       {arrays.n_blocks, 0, options.step_reals});
+    }
+    gather_ = binder.make("gather_forces", {b.u[0], element_forces_.get(), b.blocks},
+                          {arrays.n_blocks});
+  }
+
+  void bind_masses(const Buffer& blocks, const Buffer& node_sets) override {
+    for (const auto& kernel : integrate_) {
+      kernel->set_arg(kNodesBlocks, blocks);
+      kernel->set_arg(kNodesNodeSets, node_sets);
+    }
+  }
+  void enqueue_step(int now, std::int32_t index) override {
+    step_[now]->set_arg(kElementsStepIndex, index);
+    step_[now]->enqueue(n_slots_, kGroup);
+    integrate_[now]->set_arg(kNodesStepIndex, index);
+    integrate_[now]->enqueue(n_slots_, kGroup);
+  }
+  void enqueue_forces(int now, Buffer& force) override {
+    step_[now]->set_arg(kElementsStepIndex, std::int32_t(0));
+    step_[now]->set_arg(kElementsStore, std::int32_t(0));
+    step_[now]->enqueue(n_slots_, kGroup);
+    step_[now]->set_arg(kElementsStore, std::int32_t(1));
+    gather_->set_arg(0, force);
+    gather_->enqueue(n_slots_, kGroup);
+  }
+
+ private:
+  std::size_t n_slots_;
+  std::unique_ptr<Buffer> element_forces_;
+  std::unique_ptr<Kernel> step_[2], integrate_[2], gather_;
+};
+
+class HexahedraPath final : public ForcePath {
+ public:
+  HexahedraPath(const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
+                const ForcePathOptions& options)
+      // A work-item is a block of elements where rows are vectors, else an element.
+      : n_items_(std::size_t(arrays.n_blocks) * (options.rows ? 1 : arrays.lanes)),
+        n_slots_(std::size_t(arrays.n_blocks) * arrays.lanes) {
+    const std::size_t real = real_size(options.precision);
+    element_forces_ = binder.allocate(n_slots_ * 24 * real, bytes_);
+    nodes_ = binder.upload(arrays.hex_nodes, bytes_);
+    begin_ = binder.upload(arrays.node_begin, bytes_);
+    places_ = binder.upload(arrays.node_forces, bytes_);
+    rows_ = binder.allocate(arrays.hex_rows.size() * real, bytes_);
+    if (options.precision == Precision::kDouble) {
+      rows_->write(arrays.hex_rows.data(), arrays.hex_rows.size() * real);
+    } else {
+      const std::vector<float> narrow(arrays.hex_rows.begin(), arrays.hex_rows.end());
+      rows_->write(narrow.data(), narrow.size() * real);
+    }
+    const auto n_slots = static_cast<std::int32_t>(n_slots_);
+    for (int parity = 0; parity < 2; ++parity) {
+      step_[parity] = binder.make(
+          "hex_forces_" + form_of(options),
+          {b.u[parity], element_forces_.get(), b.blocks, b.materials, b.law_entries, b.law_sets,
+           b.history[parity], b.history[1 - parity], b.muscle_entries, b.muscle_sets,
+           b.muscle_constants, b.shape, b.step_table, nodes_.get(), rows_.get()},
+          {arrays.n_blocks, 0, options.step_reals, 1});
+      integrate_[parity] = binder.make(
+          "hex_integrate_nodes",
+          {b.u[parity], b.u[1 - parity], element_forces_.get(), b.blocks, b.node_sets,
+           b.step_table, begin_.get(), places_.get()},
+          {n_slots, 0, options.step_reals});
+    }
+    gather_ = binder.make("hex_gather_forces",
+                          {b.u[0], element_forces_.get(), begin_.get(), places_.get()}, {n_slots});
+  }
+
+  void bind_masses(const Buffer& blocks, const Buffer& node_sets) override {
+    for (const auto& kernel : integrate_) {
+      kernel->set_arg(kNodesBlocks, blocks);
+      kernel->set_arg(kNodesNodeSets, node_sets);
+    }
+  }
+  void enqueue_step(int now, std::int32_t index) override {
+    step_[now]->set_arg(kHexStepIndex, index);
+    step_[now]->enqueue(n_items_, kGroup);
+    integrate_[now]->set_arg(kHexNodesStepIndex, index);
+    integrate_[now]->enqueue(n_slots_, kGroup);
+  }
+  void enqueue_forces(int now, Buffer& force) override {
+    step_[now]->set_arg(kHexStepIndex, std::int32_t(0));
+    step_[now]->set_arg(kHexStore, std::int32_t(0));
+    step_[now]->enqueue(n_items_, kGroup);
+    step_[now]->set_arg(kHexStore, std::int32_t(1));
+    gather_->set_arg(0, force);
+    gather_->enqueue(n_slots_, kGroup);
+  }
+
+ private:
+  std::size_t n_items_, n_slots_;
+  std::unique_ptr<Buffer> element_forces_, nodes_, rows_, begin_, places_;
+  std::unique_ptr<Kernel> step_[2], integrate_[2], gather_;
+};
+
+}  // namespace
+
+std::unique_ptr<ForcePath> make_force_path(Device& device, Program& program,
+                                           const SolverArrays& arrays,
+                                           const SolverBuffers& buffers,
+                                           const ForcePathOptions& options) {
+  const Binder binder(device, program);
+  if (!arrays.hex_nodes.empty())
+    return std::make_unique<HexahedraPath>(binder, arrays, buffers, options);
+  if (options.rows)
+    return std::make_unique<RowsPath>(device, binder, arrays, buffers, options);
+  return std::make_unique<GatherPath>(binder, arrays, buffers, options);
+}
+
+}  // namespace tledface

@@ -1,0 +1,50 @@
+// How one step is computed: which kernels give element forces and move the nodes. Three ways, see
+// kernels_cl/rows.cl (CPUs), gather.cl (GPUs) and hexahedra.cl (conforming meshes anywhere). What
+// acts on single nodes comes after them (nodal_conditions.hpp).
+#pragma once
+#include <cstdint>
+#include <memory>
+
+#include "backend/device.hpp"
+#include "precompute/solver_arrays.hpp"
+
+namespace tledface {
+
+enum class KernelPath { kAuto, kRows, kGather };
+
+// Device arrays that all ways read; state and histories of laws are read and written in turns.
+struct SolverBuffers {
+  const Buffer *u[2], *history[2];
+  const Buffer *blocks, *materials, *node_sets, *law_entries, *law_sets, *muscle_entries,
+      *muscle_sets, *muscle_constants, *shape, *step_table;
+};
+
+struct ForcePathOptions {
+  Precision precision = Precision::kSingle;
+  HourglassForm hourglass = HourglassForm::kPhysical;
+  bool rows = true;         // of voxels: rows rather than gather
+  std::size_t n_bands = 0;  // of rows; 0: by the device's compute units
+  std::int32_t step_reals = 0;
+};
+
+class ForcePath {
+ public:
+  virtual ~ForcePath() = default;
+  // Which links and inverse masses the nodes are moved with.
+  virtual void bind_masses(const Buffer& blocks, const Buffer& node_sets) = 0;
+  // A step from u[now] into u[1 - now], with row `index` of the step table.
+  virtual void enqueue_step(int now, std::int32_t index) = 0;
+  // Forces of the elements on the nodes under u[now], row 0 of the table; histories stay.
+  virtual void enqueue_forces(int now, Buffer& force) = 0;
+  std::size_t bytes() const { return bytes_; }  // of its own arrays
+
+ protected:
+  std::size_t bytes_ = 0;
+};
+
+std::unique_ptr<ForcePath> make_force_path(Device& device, Program& program,
+                                           const SolverArrays& arrays,
+                                           const SolverBuffers& buffers,
+                                           const ForcePathOptions& options);
+
+}  // namespace tledface
