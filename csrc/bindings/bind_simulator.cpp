@@ -168,13 +168,13 @@ void define_simulator(py::module_& module) {
             set_hexahedra(model, to_vector(positions), to_vector(corners));
           },
           py::kw_only(), py::arg("positions"), py::arg("corners"))
-      .def_property_readonly(
-          "element_volumes",
-          [](const VoxelModel& model) {
-            std::vector<double> volumes(model.n_elements());
-            for (std::size_t e = 0; e < volumes.size(); ++e) volumes[e] = model.element_volume(e);
-            return to_array(std::move(volumes));
-          })
+      .def_property_readonly("element_volumes",
+                             [](const VoxelModel& model) {
+                               std::vector<double> volumes(model.n_elements());
+                               for (std::size_t e = 0; e < volumes.size(); ++e)
+                                 volumes[e] = model.element_volume(e);
+                               return to_array(std::move(volumes));
+                             })
       .def_property_readonly("shortest_edge", &VoxelModel::shortest_edge)
       .def("add_muscle", &add_muscle, py::kw_only(), py::arg("name"), py::arg("elements"),
            py::arg("fibre"), py::arg("weight"), py::arg("sigma_act"), py::arg("sigma_pas"),

@@ -97,8 +97,7 @@ void rest_force(const Hexahedron& h, double lambda, double mu, const HourglassSt
         for (int j = 0; j < 3; ++j) q[m][d] += h.axes[3 * d + j] * s[m][j] / (4 * h.sides[d]);
       }
     double bend[3];
-    for (int d = 0; d < 3; ++d)
-      bend[d] = h.volume / 3 * form.bending_modulus[d] / (1 - nu * nu);
+    for (int d = 0; d < 3; ++d) bend[d] = h.volume / 3 * form.bending_modulus[d] / (1 - nu * nu);
     const double twist = h.volume / 3 * mu, odd = h.volume / 9 * youngs;
     const auto& L = h.sides;
     const double twist_z = twist * (L[0] / L[1] * q[1][0] + L[1] / L[0] * q[2][1]),
@@ -200,8 +199,8 @@ double largest_eigenvalue(const std::array<double, 6>& t) {
   const double a = t[0] - mean, b = t[1] - mean, c = t[2] - mean;
   const double p = std::sqrt((a * a + b * b + c * c + 2 * off) / 6);
   if (!(p > 1e-14 * std::abs(mean))) return mean + p;
-  const double det = a * (b * c - t[4] * t[4]) - t[3] * (t[3] * c - t[4] * t[5]) +
-                     t[5] * (t[3] * t[4] - b * t[5]);
+  const double det =
+      a * (b * c - t[4] * t[4]) - t[3] * (t[3] * c - t[4] * t[5]) + t[5] * (t[3] * t[4] - b * t[5]);
   const double r = std::clamp(det / (2 * p * p * p), -1.0, 1.0);
   return mean + 2 * p * std::cos(std::acos(r) / 3);
 }
@@ -230,8 +229,7 @@ void set_stiffening(Hexahedron& h, double lambda, double mu, const HourglassStif
     for (int i = 0; i < 24; ++i) u[i] = f[i] / length;
   }
   // omega^2 rho V/8 is the eigenvalue, so rho omega^2/4 is 2/V times it.
-  const double ratio =
-      kPowerMargin * 2 / h.volume * eigenvalue / linear_stiffness(h, lambda, mu);
+  const double ratio = kPowerMargin * 2 / h.volume * eigenvalue / linear_stiffness(h, lambda, mu);
   h.stiffening = ratio > kNoStiffening ? ratio : 1;
 }
 
@@ -282,7 +280,8 @@ void set_hexahedra(VoxelModel& model, std::vector<double> positions,
     for (std::size_t e = begin; e < end; ++e) {
       double x[24];
       for (int a = 0; a < 8; ++a)
-        for (int i = 0; i < 3; ++i) x[3 * a + i] = model.positions[3 * model.corners[8 * e + a] + i];
+        for (int i = 0; i < 3; ++i)
+          x[3 * a + i] = model.positions[3 * model.corners[8 * e + a] + i];
       bad[e] = !make_hexahedron(x, model.hexahedra[e]);
       if (bad[e]) continue;
       const double* bend = &model.bending_modulus[3 * e];

@@ -4,16 +4,16 @@
 // a linear displacement of any mesh gives the exact mean stress and the patch test holds; at the
 // centre of a box they are +-1/(4 h). Hourglass amplitudes are s^m = sum_a gamma_a^m u_a with
 // gamma^m = h^m - sum_j c_mj dN/dX_j, c_mj = sum_a h_a^m X_aj: zero for linear displacements.
-// Stiffness against them is that of the box that the element is nearest to: its axes are the rotation
-// of the centre's Jacobian (polar decomposition), its edges the lengths of that one's columns. Exact
-// for a box in any direction.
+// Stiffness against them is that of the box that the element is nearest to: its axes are the
+// rotation of the centre's Jacobian (polar decomposition), its edges the lengths of that one's
+// columns. Exact for a box in any direction.
 #pragma once
 #include <array>
 
 namespace tledface {
 
 struct Hexahedron {
-  double volume = 0;               // m^3
+  double volume = 0;                // m^3
   std::array<double, 24> gradient;  // [3 a + j], 1/m
   std::array<double, 12> offset;    // c_mj [3 m + j], m; m: xy, yz, zx, xyz
   std::array<double, 9> axes;       // [3 d + j]: unit vector of the box's axis d
@@ -26,8 +26,8 @@ struct Hexahedron {
   std::array<double, 6> gradient_square() const;
 };
 
-// x: 8 corners, 3 coordinates each, corner bits 1 xi, 2 eta, 4 zeta. False where the Jacobian is not
-// positive at the centre and the eight Gauss points.
+// x: 8 corners, 3 coordinates each, corner bits 1 xi, 2 eta, 4 zeta. False where the Jacobian is
+// not positive at the centre and the eight Gauss points.
 bool make_hexahedron(const double* x, Hexahedron& result);
 
 // Largest eigenvalue of a symmetric tensor xx yy zz xy yz xz.

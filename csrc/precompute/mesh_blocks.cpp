@@ -78,7 +78,8 @@ void place_hexahedra(const VoxelModel& model, SolverArrays& arrays) {
   std::vector<std::int32_t> count((n_blocks + 1) * lanes + 1, 0);
   parallel_for_chunks(n_elements, 4096, [&](std::size_t begin, std::size_t end) {
     for (std::size_t e = begin; e < end; ++e) {
-      const std::size_t block = arrays.element_slot[e] / lanes, lane = arrays.element_slot[e] % lanes;
+      const std::size_t block = arrays.element_slot[e] / lanes,
+                        lane = arrays.element_slot[e] % lanes;
       for (int a = 0; a < 8; ++a) {
         const std::size_t slot = arrays.corner_slots[8 * e + a];
         arrays.hex_nodes[(block * 8 + a) * lanes + lane] =
@@ -91,11 +92,10 @@ void place_hexahedra(const VoxelModel& model, SolverArrays& arrays) {
       for (int i = 0; i < 24; ++i) put(HEX_GRADIENT + i, h.gradient[i]);
       for (int i = 0; i < 12; ++i) put(HEX_OFFSET + i, h.offset[i]);
       for (int d = 0; d < 3; ++d) {
-        for (int j = 0; j < 3; ++j)
-          put(HEX_AXES + 3 * d + j, h.axes[3 * d + j] / (4 * h.sides[d]));
+        for (int j = 0; j < 3; ++j) put(HEX_AXES + 3 * d + j, h.axes[3 * d + j] / (4 * h.sides[d]));
         put(HEX_SQUARE + d, 16 * h.sides[d] * h.sides[d]);
       }
-      const double *L = h.sides.data();
+      const double* L = h.sides.data();
       const double ratios[6] = {L[0] / L[1], L[1] / L[0], L[1] / L[2],
                                 L[2] / L[1], L[2] / L[0], L[0] / L[2]};
       for (int i = 0; i < 6; ++i) put(HEX_RATIO + i, ratios[i]);

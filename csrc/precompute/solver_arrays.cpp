@@ -84,9 +84,9 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
       } else {
         // k = kappa (lambda + 2 mu) V/16 sum 1/h^2
         const double modulus = bulk + 4 * mu / 3;
-        put(MATERIAL_KAPPA,
-            model.conforming() ? kappa_stiffness(model.hexahedra[e], options.kappa, modulus)
-                               : options.kappa * volume / 16 * inverse_squares * modulus);
+        put(MATERIAL_KAPPA, model.conforming()
+                                ? kappa_stiffness(model.hexahedra[e], options.kappa, modulus)
+                                : options.kappa * volume / 16 * inverse_squares * modulus);
       }
     }
     if (!has_element) continue;

@@ -90,10 +90,10 @@ std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessSt
     const double bulk = model.bulk_modulus[e], mu = model.shear_modulus[e];
     const double lambda = bulk - 2 * mu / 3;
     const double factor = state.growth.empty() ? 1 : std::max(state.growth[e], 1.0);
-    stiffness[e] = factor * (model.conforming()
-                                 ? model.hexahedra[e].stiffening *
-                                       linear_stiffness(model.hexahedra[e], lambda, mu)
-                                 : lambda * sum + 2 * mu * largest);
+    stiffness[e] =
+        factor * (model.conforming() ? model.hexahedra[e].stiffening *
+                                           linear_stiffness(model.hexahedra[e], lambda, mu)
+                                     : lambda * sum + 2 * mu * largest);
     if (!state.growth.empty() && !(state.growth[e] > 0)) stiffness[e] = HUGE_VAL;
   }
   for (std::size_t m = 0; m < model.muscles.size(); ++m) {

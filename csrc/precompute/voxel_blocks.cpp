@@ -50,8 +50,7 @@ std::array<std::int32_t, 3> permuted(const std::int32_t* ijk, const std::array<i
 
 }  // namespace
 
-void place_voxels(const VoxelModel& model, const PrecomputeOptions& options,
-                  SolverArrays& arrays) {
+void place_voxels(const VoxelModel& model, const PrecomputeOptions& options, SolverArrays& arrays) {
   const int lanes = arrays.lanes;
   for (const std::int32_t index : model.cells)
     if (index < 0 || index > kLargestIndex)

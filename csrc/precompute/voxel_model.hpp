@@ -55,7 +55,8 @@ struct VoxelModel {
   double shortest_edge() const;
   // Of a node, from the grid's origin, m.
   std::array<double, 3> position(std::size_t node) const {
-    if (conforming()) return {positions[3 * node], positions[3 * node + 1], positions[3 * node + 2]};
+    if (conforming())
+      return {positions[3 * node], positions[3 * node + 1], positions[3 * node + 2]};
     return {node_ijk[3 * node] * voxel[0], node_ijk[3 * node + 1] * voxel[1],
             node_ijk[3 * node + 2] * voxel[2]};
   }

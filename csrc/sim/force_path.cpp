@@ -55,8 +55,8 @@ std::string form_of(const ForcePathOptions& options) {
 
 class RowsPath final : public ForcePath {
  public:
-  RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays,
-           const SolverBuffers& b, const ForcePathOptions& options)
+  RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
+           const ForcePathOptions& options)
       : u_{b.u[0], b.u[1]} {
     // Two bands a compute unit: enough to level them out, few enough that seed rows cost little.
     const std::size_t wanted =
@@ -111,19 +111,19 @@ class GatherPath final : public ForcePath {
     element_forces_ =
         binder.allocate((n_slots_ + arrays.lanes) * 24 * real_size(options.precision), bytes_);
     for (int parity = 0; parity < 2; ++parity) {
-      step_[parity] = binder.make(
-          "element_forces_" + form_of(options),
-          {b.u[parity], element_forces_.get(), b.blocks, b.materials, b.law_entries, b.law_sets,
-           b.history[parity], b.history[1 - parity], b.muscle_entries, b.muscle_sets,
-           b.muscle_constants, b.shape, b.step_table},
-          {arrays.n_blocks, 0, options.step_reals, 1});
+      step_[parity] =
+          binder.make("element_forces_" + form_of(options),
+                      {b.u[parity], element_forces_.get(), b.blocks, b.materials, b.law_entries,
+                       b.law_sets, b.history[parity], b.history[1 - parity], b.muscle_entries,
+                       b.muscle_sets, b.muscle_constants, b.shape, b.step_table},
+                      {arrays.n_blocks, 0, options.step_reals, 1});
       integrate_[parity] = binder.make("integrate_nodes",
                                        {b.u[parity], b.u[1 - parity], element_forces_.get(),
                                         b.blocks, b.node_sets, b.step_table},
                                        {arrays.n_blocks, 0, options.step_reals});
     }
-    gather_ = binder.make("gather_forces", {b.u[0], element_forces_.get(), b.blocks},
-                          {arrays.n_blocks});
+    gather_ =
+        binder.make("gather_forces", {b.u[0], element_forces_.get(), b.blocks}, {arrays.n_blocks});
   }
 
   void bind_masses(const Buffer& blocks, const Buffer& node_sets) override {
@@ -180,11 +180,11 @@ class HexahedraPath final : public ForcePath {
            b.history[parity], b.history[1 - parity], b.muscle_entries, b.muscle_sets,
            b.muscle_constants, b.shape, b.step_table, nodes_.get(), rows_.get()},
           {arrays.n_blocks, 0, options.step_reals, 1});
-      integrate_[parity] = binder.make(
-          "hex_integrate_nodes",
-          {b.u[parity], b.u[1 - parity], element_forces_.get(), b.blocks, b.node_sets,
-           b.step_table, begin_.get(), places_.get()},
-          {n_slots, 0, options.step_reals});
+      integrate_[parity] =
+          binder.make("hex_integrate_nodes",
+                      {b.u[parity], b.u[1 - parity], element_forces_.get(), b.blocks, b.node_sets,
+                       b.step_table, begin_.get(), places_.get()},
+                      {n_slots, 0, options.step_reals});
     }
     gather_ = binder.make("hex_gather_forces",
                           {b.u[0], element_forces_.get(), begin_.get(), places_.get()}, {n_slots});
@@ -220,14 +220,12 @@ class HexahedraPath final : public ForcePath {
 }  // namespace
 
 std::unique_ptr<ForcePath> make_force_path(Device& device, Program& program,
-                                           const SolverArrays& arrays,
-                                           const SolverBuffers& buffers,
+                                           const SolverArrays& arrays, const SolverBuffers& buffers,
                                            const ForcePathOptions& options) {
   const Binder binder(device, program);
   if (!arrays.hex_nodes.empty())
     return std::make_unique<HexahedraPath>(binder, arrays, buffers, options);
-  if (options.rows)
-    return std::make_unique<RowsPath>(device, binder, arrays, buffers, options);
+  if (options.rows) return std::make_unique<RowsPath>(device, binder, arrays, buffers, options);
   return std::make_unique<GatherPath>(binder, arrays, buffers, options);
 }
 

@@ -43,8 +43,7 @@ class ForcePath {
 };
 
 std::unique_ptr<ForcePath> make_force_path(Device& device, Program& program,
-                                           const SolverArrays& arrays,
-                                           const SolverBuffers& buffers,
+                                           const SolverArrays& arrays, const SolverBuffers& buffers,
                                            const ForcePathOptions& options);
 
 }  // namespace tledface

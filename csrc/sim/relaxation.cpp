@@ -34,10 +34,9 @@ std::vector<double> fibre_gradients(const VoxelModel& model, const SolverArrays&
           const double* at = &slots[slot / lanes * 3 * lanes + slot % lanes];
           for (int c = 0; c < 3; ++c)
             for (int d = 0; d < 3; ++d) {
-              const double slope =
-                  model.conforming()
-                      ? model.hexahedra[e].gradient[3 * corner + d]
-                      : (corner >> d & 1 ? 1 : -1) / (4 * model.voxel[order[d]]);
+              const double slope = model.conforming()
+                                       ? model.hexahedra[e].gradient[3 * corner + d]
+                                       : (corner >> d & 1 ? 1 : -1) / (4 * model.voxel[order[d]]);
               F[3 * order[c] + order[d]] += at[c * lanes] * slope;
             }
         }

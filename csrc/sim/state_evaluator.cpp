@@ -58,8 +58,7 @@ StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions option
   growth_ = host_->allocate(slots);
   growth_kernel_ = program_->kernel(conforming ? "hex_growth" : "element_growth");
   argument = 0;
-  for (const Buffer* buffer :
-       {u_.get(), growth_.get(), constants_[0].get(), constants_[1].get()})
+  for (const Buffer* buffer : {u_.get(), growth_.get(), constants_[0].get(), constants_[1].get()})
     growth_kernel_->set_arg(argument++, *buffer);
   // The shape of all voxels, or nodes and rows of each hexahedron.
   for (std::size_t i = conforming ? 8 : 7; i < constants_.size(); ++i)

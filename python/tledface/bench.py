@@ -162,8 +162,8 @@ def _table(results: list[dict[str, Any]]) -> str:
         "hourglass  kernels     ms/step  M elem-steps/s  copy GB/s  effective bytes  repeatable",
     ]
     lines += [
-        f"{r['hourglass']:<10} {r['kernels']:<9} {r['ms_per_step']:9.3f} {r['melem_steps_per_s']:15.1f} "
-        f"{r['copy_gb_s']:10.1f} {r['effective_bytes']:16.1f}  "
+        f"{r['hourglass']:<10} {r['kernels']:<9} {r['ms_per_step']:9.3f} "
+        f"{r['melem_steps_per_s']:15.1f} {r['copy_gb_s']:10.1f} {r['effective_bytes']:16.1f}  "
         f"{'yes' if r['bitwise_repeatable'] else 'NO'}"
         for r in results
     ]

@@ -147,9 +147,7 @@ def read_mesh(
     else:
         names, laws, fractions = ["tissue"], [materials], np.ones((len(elements), 1))
     try:
-        return HexahedralModel(
-            points[used] * scale, corners.reshape(-1, 8), names, laws, fractions
-        )
+        return HexahedralModel(points[used] * scale, corners.reshape(-1, 8), names, laws, fractions)
     except InputError as error:
         raise InputError(f"mesh {path}: {error}") from None
 

@@ -202,7 +202,8 @@ def _mesh_boundary_codes(elements: NDArray[np.int32]) -> NDArray[np.int64]:
     quads = codes.reshape(-1, 4)
     nodes = np.sort(elements.reshape(-1)[quads], axis=1)
     _, inverse, count = np.unique(nodes, axis=0, return_inverse=True, return_counts=True)
-    return quads[count[inverse.reshape(-1)] == 1]
+    outer: NDArray[np.int64] = quads[count[inverse.reshape(-1)] == 1]
+    return outer
 
 
 def _checked_points(vertices: ArrayLike) -> NDArray[np.float64]:

@@ -5,9 +5,9 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import required
 
 import tledface as tf
+from conftest import required
 from tledface.errors import InputError
 
 FAT = tf.material("neo_hookean", youngs_modulus=30e3, poissons_ratio=0.45, density=1000.0)
@@ -94,7 +94,7 @@ def test_bad_files_are_one_line(tmp_path):
         tf.Model.from_mesh(tmp_path / "none.vtk", FAT)
     broken = tmp_path / "broken.vtk"
     broken.write_text("no mesh")
-    with pytest.raises(InputError, match="broken.vtk: .*read"):
+    with pytest.raises(InputError, match=r"broken.vtk: .*read"):
         tf.Model.from_mesh(broken, FAT)
     surface = write(tmp_path / "s.vtk", triangle=np.array([[0, 1, 2]]))
     with pytest.raises(InputError, match="it has triangle; elements of kind 'hexahedron'"):
@@ -103,7 +103,7 @@ def test_bad_files_are_one_line(tmp_path):
     with pytest.raises(InputError, match="region numbers are needed"):
         tf.Model.from_mesh(plain, {1: FAT})
     regions = write(tmp_path / "r.vtu", regions=np.repeat([1, 2], 12))
-    with pytest.raises(InputError, match="region '2' has no material; .* for 1"):
+    with pytest.raises(InputError, match=r"region '2' has no material; .* for 1"):
         tf.Model.from_mesh(regions, {1: FAT})
     with pytest.raises(InputError, match="scale is 0"):
         tf.Model.from_mesh(plain, FAT, scale=0)
