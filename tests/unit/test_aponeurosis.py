@@ -22,7 +22,7 @@ def solid(mesh, name):
 
 @pytest.fixture(scope="module")
 def head():
-    skin = trimesh.creation.icosphere(subdivisions=6, radius=R)
+    skin = trimesh.creation.icosphere(subdivisions=5, radius=R)
     # A shell 2 to 4 mm under the skin, from z = 0 to the edge, 40 degrees to either side.
     angle, share = np.meshgrid(np.radians(np.linspace(-40, 40, 81)), np.linspace(0, 1, 41))
     grids = []

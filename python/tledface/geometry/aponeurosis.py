@@ -44,7 +44,7 @@ def aponeurosis(
     Args:
         skin: The outer surface; +z is up.
         muscles: The sheet muscle, in one or more surfaces.
-        top: Height on the skin over the sheet's end, m; above a cut of the tissue it reaches the cut.
+        top: Height on the skin over the sheet's end, m.
         overlap: How far it reaches into the muscle, m.
         thickness: Its thickness, m.
         spacing: Distance of its vertices, m.
