@@ -100,12 +100,12 @@ StepLimit Simulator::limit_now(const std::vector<double>& activations, double re
   StiffnessState state = stiffness_state(u, activations);
   state.reach_low = reach_low;
   state.reach_high = reach_high;
-  return limiter().limit(u, std::move(state), enough);
+  return limiter().limit(u, history(), std::move(state), enough);
 }
 
 StepLimit Simulator::measured_limit(const std::vector<double>& activations) {
   const auto u = displacement();
-  return limiter().measure(u, stiffness_state(u, activations));
+  return limiter().measure(u, history(), stiffness_state(u, activations));
 }
 
 std::vector<double> Simulator::relaxation_masses() {

@@ -16,6 +16,8 @@ constexpr unsigned kRowsStepIndex = 20, kElementsStepIndex = 14, kNodesStepIndex
 constexpr unsigned kElementsStore = 16;  // 1: the element kernel keeps the history of laws
 // Where those that integrate take the links of blocks and the inverse masses.
 constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kNodesBlocks = 3, kNodesNodeSets = 4;
+// A step below 0 asks laws for their answer without relaxation and flow; its size is none.
+constexpr double kInstant = -1e-30;
 // Work-items a group of the gather kernels: four blocks of 16 lanes.
 constexpr std::size_t kGroup = 64;
 
@@ -43,6 +45,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   precompute_.lanes = program.lanes;
   precompute_.hourglass = options_.hourglass;
   precompute_.kappa = options_.kappa;
+  precompute_.axis_order = options_.axis_order;
   arrays_ = make_solver_arrays(model_, precompute_);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions);
@@ -378,8 +381,25 @@ StateEvaluator& Simulator::evaluator() {
 std::vector<double> Simulator::internal_force(const std::vector<double>& activations) {
   if (activations.size() != model_.muscles.size())
     throw InputError("internal_force: one activation a muscle is needed");
+  return force_at(starts_ ? 0 : dt_, activations);
+}
+
+std::vector<double> Simulator::history() {
+  if (!arrays_.n_history_rows) return {};
+  return read_reals(*history_[now_], std::size_t(arrays_.n_history_rows) * arrays_.lanes);
+}
+
+std::vector<double> Simulator::instant_force(const std::vector<double>& u,
+                                             const std::vector<double>& past,
+                                             const std::vector<double>& activations) {
+  write_reals(*u_[now_], nodes_to_slots(arrays_, u));
+  write_reals(*history_[now_], past);
+  return force_at(kInstant, activations);
+}
+
+std::vector<double> Simulator::force_at(double dt, const std::vector<double>& activations) {
   std::vector<double> row(step_reals_, 0.0);
-  row[STEP_DT] = starts_ ? 0 : dt_;
+  row[STEP_DT] = dt;
   row[STEP_TIME] = time();
   std::copy(activations.begin(), activations.end(), row.begin() + STEP_ACTIVATION);
   device_->finish();
@@ -413,10 +433,7 @@ ElementState Simulator::element_state(const std::vector<double>& activations) {
     throw InputError("element_state: one activation a muscle is needed");
   std::vector<double> history;
   if (arrays_.n_history_rows)
-    history = history_in_layout(
-        model_, arrays_,
-        read_reals(*history_[now_], std::size_t(arrays_.n_history_rows) * arrays_.lanes),
-        evaluator().arrays());
+    history = history_in_layout(model_, arrays_, this->history(), evaluator().arrays());
   return evaluator().evaluate(displacement(), activations, history, starts_ ? 0 : dt_, time());
 }
 
