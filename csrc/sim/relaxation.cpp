@@ -199,4 +199,30 @@ void Simulator::end_relaxation() {
   starts_ = true;
 }
 
+std::unique_ptr<Simulator> Simulator::in_double() {
+  SimulatorOptions options = options_;
+  options.precision = Precision::kDouble;
+  options.n_bands = 0;
+  options.axis_order = arrays_.order;  // the past is in these axes
+  auto device = device_;
+  if (!device->info().has_double) {
+    device = make_native_device();
+    options.kernels = KernelPath::kAuto;
+  }
+  auto exact = std::make_unique<Simulator>(std::move(device), model_, options, conditions());
+  exact->set_dt(dt_);
+  exact->take_state(*this);
+  exact->starts_ = true;
+  return exact;
+}
+
+void Simulator::take_state(Simulator& other) {
+  const auto slots = nodes_to_slots(arrays_, other.displacement());
+  for (auto& buffer : u_) write_reals(*buffer, slots);
+  const auto past = other.history();
+  if (past.empty()) return;
+  const auto rows = history_in_layout(model_, other.arrays_, past, arrays_);
+  for (auto& buffer : history_) write_reals(*buffer, rows);
+}
+
 }  // namespace tledface

@@ -83,6 +83,10 @@ class Simulator {
   void begin_relaxation(const std::vector<double>& node_mass);
   void relax(const std::vector<RelaxationStep>& steps, const StepInput& input);
   void end_relaxation();
+  // The same body, state and conditions in float64, on this device where it has that, else on the
+  // native one; and its displacement and past taken back. For what rounding would stop.
+  std::unique_ptr<Simulator> in_double();
+  void take_state(Simulator& other);
 
   double dt() const { return dt_; }
   // Changes the step; the velocity is kept (u_prev is moved along it).

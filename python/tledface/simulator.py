@@ -248,7 +248,8 @@ class Simulator(Results):
 
         Args:
             tolerance: Stop when the residual and the displacement still to come are both below
-                this share, see `Equilibrium`. ``precision="single"`` cannot go much below 1e-4.
+                this share, see `Equilibrium`. Where rounding keeps ``precision="single"`` from it,
+                the rest is done in float64, with a second copy of the model on the device.
             max_steps: Give up after so many pseudo-steps; the state reached is kept.
 
         Returns:

@@ -128,7 +128,7 @@ def test_the_past_is_moved_to_the_host_s_layout():
 
 
 def test_auto_dt_stays_below_the_limit_while_tissue_flows_back():
-    """Squeezed beyond yield and let go: what flowed softly answers elastically, and stays finite."""
+    """Squeezed beyond yield and let go: what flowed softly answers elastically."""
     model = tf.Model.block((2, 3, 3), SIZE, plastic(1e4))
     model.fix(lambda X: X[:, 1] < 1e-9)
     model.prescribe(
