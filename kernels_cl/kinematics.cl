@@ -17,7 +17,8 @@ typedef struct {
 } Kinematics;
 
 // History of one law in one block: rows before the step and where those after it go (store: 0 in
-// rows of elements that another work-item stores). dt in s; time in s.
+// rows of elements that another work-item stores). dt in s; time in s. dt < 0, with no size to speak
+// of: the answer to a sudden change, without flow; its slope sets the time step.
 typedef struct {
   __global const real* before;
   __global real* after;

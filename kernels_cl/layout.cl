@@ -52,7 +52,7 @@
 #define STEP_VELOCITY 0  // (1 - a dt/2) / (1 + a dt/2), a the damping
 #define STEP_FORCE 1     // dt^2 / (1 + a dt/2); half of it in the step that starts from rest
 #define STEP_GRAVITY 2   // three: gravity times the above
-#define STEP_DT 6        // s
+#define STEP_DT 6        // s; below 0: see LawState
 #define STEP_TIME 7      // s, at the begin of the step
 #define STEP_UNIT 5      // 1, the factor of loads that do not change
 #define STEP_ACTIVATION 8  // and on: activation of each muscle, then conditions on nodes

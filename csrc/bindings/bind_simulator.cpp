@@ -246,6 +246,8 @@ void define_simulator(py::module_& module) {
           },
           py::arg("steps"), py::arg("activations"), py::arg("values"), py::arg("keys"))
       .def("end_relaxation", &Simulator::end_relaxation)
+      .def("in_double", &Simulator::in_double)
+      .def("take_state", &Simulator::take_state, py::arg("other"))
       .def("relaxation_masses", [](Simulator& sim) { return to_array(sim.relaxation_masses()); })
       .def("finish", &Simulator::finish, py::call_guard<py::gil_scoped_release>())
       .def_property("dt", &Simulator::dt, &Simulator::set_dt)

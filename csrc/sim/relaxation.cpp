@@ -101,12 +101,12 @@ StepLimit Simulator::limit_now(const std::vector<double>& activations, double re
   StiffnessState state = stiffness_state(u, activations);
   state.reach_low = reach_low;
   state.reach_high = reach_high;
-  return limiter().limit(u, std::move(state), enough);
+  return limiter().limit(u, history(), std::move(state), enough);
 }
 
 StepLimit Simulator::measured_limit(const std::vector<double>& activations) {
   const auto u = displacement();
-  return limiter().measure(u, stiffness_state(u, activations));
+  return limiter().measure(u, history(), stiffness_state(u, activations));
 }
 
 std::vector<double> Simulator::relaxation_masses() {
@@ -198,6 +198,32 @@ void Simulator::end_relaxation() {
   bind_masses(*blocks_, *node_sets_);
   write_reals(*u_[1 - now_], read_slots(*u_[now_]));
   starts_ = true;
+}
+
+std::unique_ptr<Simulator> Simulator::in_double() {
+  SimulatorOptions options = options_;
+  options.precision = Precision::kDouble;
+  options.n_bands = 0;
+  options.axis_order = arrays_.order;  // the past is in these axes
+  auto device = device_;
+  if (!device->info().has_double) {
+    device = make_native_device();
+    options.kernels = KernelPath::kAuto;
+  }
+  auto exact = std::make_unique<Simulator>(std::move(device), model_, options, conditions());
+  exact->set_dt(dt_);
+  exact->take_state(*this);
+  exact->starts_ = true;
+  return exact;
+}
+
+void Simulator::take_state(Simulator& other) {
+  const auto slots = nodes_to_slots(arrays_, other.displacement());
+  for (auto& buffer : u_) write_reals(*buffer, slots);
+  const auto past = other.history();
+  if (past.empty()) return;
+  const auto rows = history_in_layout(model_, other.arrays_, past, arrays_);
+  for (auto& buffer : history_) write_reals(*buffer, rows);
 }
 
 }  // namespace tledface

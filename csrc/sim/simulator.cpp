@@ -11,6 +11,8 @@ namespace {
 
 // Steps of one table of activations: long enough that writing it costs nothing.
 constexpr std::size_t kBatch = 256;
+// A step below 0 asks laws for their answer without relaxation and flow; its size is none.
+constexpr double kInstant = -1e-30;
 
 template <class T>
 std::vector<T> narrowed(const std::vector<double>& values) {
@@ -38,6 +40,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   precompute_.kappa = options_.kappa;
   if (model_.conforming() && options_.hourglass == HourglassForm::kKappa)
     set_kappa_stiffening(model_, options_.kappa);
+  precompute_.axis_order = options_.axis_order;
   arrays_ = make_solver_arrays(model_, precompute_);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions);
@@ -333,8 +336,25 @@ StateEvaluator& Simulator::evaluator() {
 std::vector<double> Simulator::internal_force(const std::vector<double>& activations) {
   if (activations.size() != model_.muscles.size())
     throw InputError("internal_force: one activation a muscle is needed");
+  return force_at(starts_ ? 0 : dt_, activations);
+}
+
+std::vector<double> Simulator::history() {
+  if (!arrays_.n_history_rows) return {};
+  return read_reals(*history_[now_], std::size_t(arrays_.n_history_rows) * arrays_.lanes);
+}
+
+std::vector<double> Simulator::instant_force(const std::vector<double>& u,
+                                             const std::vector<double>& past,
+                                             const std::vector<double>& activations) {
+  write_reals(*u_[now_], nodes_to_slots(arrays_, u));
+  write_reals(*history_[now_], past);
+  return force_at(kInstant, activations);
+}
+
+std::vector<double> Simulator::force_at(double dt, const std::vector<double>& activations) {
   std::vector<double> row(step_reals_, 0.0);
-  row[STEP_DT] = starts_ ? 0 : dt_;
+  row[STEP_DT] = dt;
   row[STEP_TIME] = time();
   std::copy(activations.begin(), activations.end(), row.begin() + STEP_ACTIVATION);
   device_->finish();
@@ -349,10 +369,7 @@ ElementState Simulator::element_state(const std::vector<double>& activations) {
     throw InputError("element_state: one activation a muscle is needed");
   std::vector<double> history;
   if (arrays_.n_history_rows)
-    history = history_in_layout(
-        model_, arrays_,
-        read_reals(*history_[now_], std::size_t(arrays_.n_history_rows) * arrays_.lanes),
-        evaluator().arrays());
+    history = history_in_layout(model_, arrays_, this->history(), evaluator().arrays());
   return evaluator().evaluate(displacement(), activations, history, starts_ ? 0 : dt_, time());
 }
 

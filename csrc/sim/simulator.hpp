@@ -2,6 +2,7 @@
 // of materials' names, files or Python. All arrays at this border are float64 in the model's node
 // and element order and frame.
 #pragma once
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -25,6 +26,7 @@ struct SimulatorOptions {
   double damping = 0;  // mass-proportional, 1/s
   KernelPath kernels = KernelPath::kAuto;
   std::size_t n_bands = 0;  // 0: by the device's compute units
+  std::array<int, 3> axis_order{-1, -1, -1};  // see PrecomputeOptions
 };
 
 // Device arrays as they are (u now, u before), in the precision and block layout of the simulator
@@ -80,6 +82,10 @@ class Simulator {
   void begin_relaxation(const std::vector<double>& node_mass);
   void relax(const std::vector<RelaxationStep>& steps, const StepInput& input);
   void end_relaxation();
+  // The same body, state and conditions in float64, on this device where it has that, else on the
+  // native one; and its displacement and past taken back. For what rounding would stop.
+  std::unique_ptr<Simulator> in_double();
+  void take_state(Simulator& other);
 
   double dt() const { return dt_; }
   // Changes the step; the velocity is kept (u_prev is moved along it).
@@ -107,6 +113,13 @@ class Simulator {
   RawState raw_state();
   void set_raw_state(const RawState& state);
   std::vector<double> internal_force(const std::vector<double>& activations);  // N, 3 per node
+  // The past of laws that have one: their rows in the layout of arrays(); empty without any.
+  std::vector<double> history();
+  // Forces at displacement u with a past (in the layout of arrays()), as laws answer to a change
+  // that is over at once: nothing relaxes, nothing flows. Their slope is the largest stiffness.
+  // Overwrites the state; an empty past leaves the one that is there.
+  std::vector<double> instant_force(const std::vector<double>& u, const std::vector<double>& past,
+                                    const std::vector<double>& activations);
   // Loads, pressures and gravity, N, 3 per node.
   std::vector<double> external_force(const std::vector<double>& values);
   ElementState element_state(const std::vector<double>& activations);
@@ -141,6 +154,7 @@ class Simulator {
   SolverBuffers solver_buffers() const;
   // Which masses the kernels integrate with.
   void bind_masses(const Buffer& blocks, const Buffer& node_sets);
+  std::vector<double> force_at(double dt, const std::vector<double>& activations);
   StateEvaluator& evaluator();
   StepLimiter& limiter();
   StiffnessState stiffness_state(const std::vector<double>& u,

@@ -79,12 +79,14 @@ Ritz largest_ritz(const std::vector<double>& alpha, const std::vector<double>& b
 
 StepLimiter::StepLimiter(const Simulator& sim)
     : model_(sim.model()),
+      given_(sim.arrays()),
       node_mass_(sim.arrays().node_mass),
       host_([&] {
         SimulatorOptions options = sim.options();
         options.precision = Precision::kDouble;
         options.kernels = KernelPath::kRows;
         options.n_bands = 0;
+        options.axis_order = sim.arrays().order;  // the past is in these axes
         return std::make_unique<Simulator>(make_native_device(), sim.model(), options);
       }()),
       arrays_(host_->arrays()) {}
@@ -92,6 +94,7 @@ StepLimiter::StepLimiter(const Simulator& sim)
 StepLimiter::~StepLimiter() = default;
 
 double StepLimiter::highest_square(const std::vector<double>& u,
+                                   const std::vector<double>& past,
                                    const std::vector<double>& activations,
                                    const std::vector<double>& node_squares) {
   const std::size_t n = u.size();
@@ -109,11 +112,8 @@ double StepLimiter::highest_square(const std::vector<double>& u,
   const double length = std::sqrt(dot(q, q));
   for (double& value : q) value /= length;
 
-  const auto force_at = [&](const std::vector<double>& at) {
-    host_->set_state(at, {}, 0);
-    return host_->internal_force(activations);
-  };
-  const auto force = force_at(u);
+  const auto force = host_->instant_force(
+      u, past.empty() ? past : history_in_layout(model_, given_, past, arrays_), activations);
   const double edge = model_.shortest_edge();
   std::vector<double> alpha, beta;
   for (int iteration = 0; iteration < kMostIterations; ++iteration) {
@@ -122,7 +122,7 @@ double StepLimiter::highest_square(const std::vector<double>& u,
       largest = std::max(largest, std::abs(inverse_root[i] * q[i]));
     const double step = kDifference * edge / largest;
     for_each(n, [&](std::size_t i) { moved[i] = u[i] + step * inverse_root[i] * q[i]; });
-    const auto pushed = force_at(moved);
+    const auto pushed = host_->instant_force(moved, {}, activations);
     const double last = beta.empty() ? 0 : beta.back();
     for_each(n, [&](std::size_t i) {
       w[i] = inverse_root[i] * (pushed[i] - force[i]) / step - last * before[i];
@@ -156,7 +156,8 @@ void StepLimiter::restore(std::vector<double> squares, double square) {
   last_square_ = square;
 }
 
-StepLimit StepLimiter::limit(const std::vector<double>& u, StiffnessState state, double enough) {
+StepLimit StepLimiter::limit(const std::vector<double>& u, const std::vector<double>& past,
+                             StiffnessState state, double enough) {
   StepLimit result;
   const auto stiffness = element_stiffness(model_, state);
   const auto at_node = node_stiffness(model_, arrays_, stiffness);
@@ -188,7 +189,7 @@ StepLimit StepLimiter::limit(const std::vector<double>& u, StiffnessState state,
   result.dt = scaled();
   if (result.dt < enough || (!base_only && enough > 0)) {
     last_squares_ = squares;
-    last_square_ = highest_square(u, state.activations, squares);
+    last_square_ = highest_square(u, past, state.activations, squares);
     since = 1;
     result.dt = scaled();
     result.iterated = true;
@@ -196,11 +197,12 @@ StepLimit StepLimiter::limit(const std::vector<double>& u, StiffnessState state,
   return result;
 }
 
-StepLimit StepLimiter::measure(const std::vector<double>& u, const StiffnessState& state) {
+StepLimit StepLimiter::measure(const std::vector<double>& u, const std::vector<double>& past,
+                               const StiffnessState& state) {
   auto squares = std::move(last_squares_);
   const double square = last_square_;
   last_square_ = 0;
-  const StepLimit result = limit(u, state, HUGE_VAL);
+  const StepLimit result = limit(u, past, state, HUGE_VAL);
   restore(std::move(squares), square);
   return result;
 }

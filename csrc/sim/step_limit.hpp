@@ -22,7 +22,8 @@ class StepLimiter {
   explicit StepLimiter(const Simulator& sim);
   ~StepLimiter();
 
-  // Estimate of the limit at displacement u. `reach_low`, `reach_high`: see StiffnessState; they
+  // Estimate of the limit at displacement u, after the past of the simulator's laws (its rows as
+  // Simulator::history gives them; empty without any). `reach_low`, `reach_high`: see StiffnessState; they
   // allow for what the fibres' stretch does until the next look. The iteration is run again
   // only when the estimate scaled from the last one is below `enough` (0: never; infinite: always).
   //
@@ -30,10 +31,12 @@ class StepLimiter {
   // while those have hardly grown, so has the operator. Constitutive laws beyond the
   // base stiffen in ways that the cheap bound does not know: with them the iteration decides alone
   // and is run each time.
-  StepLimit limit(const std::vector<double>& u, StiffnessState state, double enough);
+  StepLimit limit(const std::vector<double>& u, const std::vector<double>& past,
+                  StiffnessState state, double enough);
 
   // The same by an iteration of its own, which leaves no trace.
-  StepLimit measure(const std::vector<double>& u, const StiffnessState& state);
+  StepLimit measure(const std::vector<double>& u, const std::vector<double>& past,
+                    const StiffnessState& state);
 
   // What the next answer depends on: omega^2 of each node's bound at the last iteration, and the
   // operator's then (0: none yet). For restarts bit for bit.
@@ -43,13 +46,16 @@ class StepLimiter {
 
  private:
   // Largest omega^2 of M^-1 K at u: Lanczos on finite differences of the forces, its largest Ritz
-  // value plus the norm of that one's residual.
-  double highest_square(const std::vector<double>& u, const std::vector<double>& activations,
+  // value plus the norm of that one's residual. K is that of a sudden change: viscous stresses have
+  // no time to relax, and plastic tissue is elastic about its flow so far (a wave unloads it).
+  double highest_square(const std::vector<double>& u, const std::vector<double>& past,
+                        const std::vector<double>& activations,
                         const std::vector<double>& node_squares);
   // omega^2 of each node's bound, from node_stiffness; 0 where all components are held.
   std::vector<double> squares_of(const std::vector<double>& at_node) const;
 
   const VoxelModel& model_;
+  const SolverArrays& given_;  // of the simulator; the host's may have other lanes
   std::vector<double> node_mass_;
   std::unique_ptr<Simulator> host_;
   const SolverArrays& arrays_;

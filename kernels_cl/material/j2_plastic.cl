@@ -78,8 +78,9 @@ INLINE void j2_plastic_stress(Kinematics k, __global const real* rows, LawState 
   const realv begin = law_row(rows, 4), span = law_row(rows, 5) - begin;
   realv share = (state.time - begin) / (span > R(0.0) ? span : one);
   share = share > R(0.0) ? (share < R(1.0) ? share : one) : zero;
-  const realv limit = R(0.816496580927726) *
+  const realv yield = R(0.816496580927726) *
                       (law_row(rows, 2) + share * (law_row(rows, 3) - law_row(rows, 2)));
+  const realv limit = state.dt < R(0.0) ? broadcast(R(1e30)) : yield;
   const realv keep = norm > limit ? limit / norm : one;
   s.xx *= keep;
   s.yy *= keep;

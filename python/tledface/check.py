@@ -83,7 +83,7 @@ def check_scene(scene: Scene, *, device: Any = "auto", quiet: bool = False) -> C
         step_time = _time_step(sim)
     report = model.report
     holding = (model.fractions > 0.0).sum(axis=0)
-    steps = round(scene.solver.duration / dt)
+    steps = round(scene.solver.duration / scene.solver.time_scaling / dt)
     return Check(
         scene=str(scene.path or "scene"),
         elements=model.n_elements,

@@ -141,11 +141,13 @@ class Sampler:
     """The conditions of a model as channels of a core simulator.
 
     Channels are ordered loads, pressures, prescribed components. ``weight_density`` (n_elem,)
-    kg/m3: gravity acts as a force on this density instead of as an acceleration.
+    kg/m3: gravity acts as a force on this density instead of as an acceleration. Functions of
+    time are called with ``time_scaling`` times the simulated time that the methods take.
     """
 
     model: Model
     weight_density: Floats | None = None
+    time_scaling: float = 1.0
     core: _core.Conditions = field(init=False)
 
     def __post_init__(self) -> None:
@@ -187,6 +189,7 @@ class Sampler:
 
     def loads(self, t: float) -> Floats:
         """Factors of the loads, then pressures (Pa), at time ``t`` (s)."""
+        t *= self.time_scaling
         factors = []
         seen: dict[int, Floats] = {}
         for load in self._loads:
@@ -204,12 +207,14 @@ class Sampler:
 
     def scalars(self, t: float) -> Floats:
         """Prescribed values that nodes share, m, at time ``t`` (s)."""
+        t *= self.time_scaling
         return np.array([record.scalar(t) for record in self._scalars], dtype=np.float64)
 
     def fields(self, t: float) -> Floats:
         """Prescribed values of each node of the fields, m, at time ``t`` (s)."""
         if not self._fields:
             return np.empty(0)
+        t *= self.time_scaling
         pairs = zip(self._fields, self._positions, strict=True)
         return np.concatenate([record.field(t, X) for record, X in pairs])
 

@@ -91,6 +91,10 @@ class Material:
             result.append(("pretension", [p.along, p.across, *p.line, *p.normal]))
         return result
 
+    def direction_names(self) -> list[str]:
+        """The directions of the law and its modifiers."""
+        return [name for law, _ in self.rows() for name in all_laws()[law].direction_rows]
+
     def __hash__(self) -> int:
         """Hash over all values, so that equal materials are one dictionary key."""
         numbers, choices = sorted(self.parameters.items()), sorted(self.options.items())

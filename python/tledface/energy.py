@@ -13,18 +13,23 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tledface import _core
-from tledface.conditions import Values
+from tledface import device as device_module
+from tledface._core_model import core_model
+from tledface.conditions import Values, prescribed_mask
 from tledface.errors import InputError
 
-__all__ = ["EnergyLedger", "EnergyWarning"]
+if TYPE_CHECKING:
+    from tledface.model import Model
+
+__all__ = ["EnergyLedger", "EnergyWarning", "energy_interval", "ledger_of"]
 
 Floats = NDArray[np.float64]
 
@@ -248,6 +253,48 @@ class EnergyLedger:
             self._warned.add(key)
             where = f"t = {float(self._core.time):.6g} s: "
             warnings.warn(where + message, EnergyWarning, stacklevel=5)
+
+
+def ledger_of(
+    core: _core.Simulator,
+    model: Model,
+    density: Floats,
+    options: Mapping[str, Any],
+    name_of: Callable[[int], str],
+) -> EnergyLedger:
+    """The ledger of a simulator.
+
+    Args:
+        core: The simulator.
+        model: Its model.
+        density: (n_elem,) kg/m3, with mass scaling.
+        options: `Simulator`'s; ``hourglass``, ``hourglass_kappa`` and ``damping`` are read.
+        name_of: Name of an element's tissue or muscle.
+    """
+    native = device_module.resolve("native")
+
+    def host(*, muscles: bool) -> _core.Simulator:
+        made = _core.Simulator(
+            native,
+            core_model(model, density=density, weightless=True, muscles=muscles),
+            precision="double",
+            hourglass=options["hourglass"],
+            kappa=options["hourglass_kappa"],
+            damping=0.0,
+        )
+        made.dt = core.dt
+        return made
+
+    return EnergyLedger(
+        core,
+        host(muscles=True),
+        host(muscles=False) if model.muscles else None,
+        past=bool(model.law_rows()),
+        damping=options["damping"],
+        held=model.fixed | prescribed_mask(model),
+        name_of=name_of,
+        volume=model.volumes,
+    )
 
 
 def energy_interval(value: Any) -> int | None:

@@ -97,6 +97,15 @@ class Law:
     bulk_modulus: str
     row_values: tuple[str, ...]
 
+    @property
+    def direction_rows(self) -> dict[str, int]:
+        """Where each direction's x stands in ``row_values``; y and z follow it."""
+        return {
+            value.removesuffix(".x"): place
+            for place, value in enumerate(self.row_values)
+            if value.endswith(".x")
+        }
+
 
 _DENSITY = Parameter("density", "density", "mass per reference volume", above=0.0, bare=1.0)
 _VOLUMETRIC = ("log", "quadratic")

@@ -29,6 +29,7 @@ from tledface._model_checks import (
     vector,
 )
 from tledface._model_conditions import ConditionsMixin
+from tledface._model_directions import DirectionsMixin
 from tledface.constitutive import Material
 from tledface.errors import InputError
 from tledface.muscle import LAWS, Muscle
@@ -42,7 +43,7 @@ __all__ = ["Model", "Where"]
 Where = NDArray[np.bool_] | Callable[[Floats], NDArray[np.bool_]]
 
 
-class Model(ConditionsMixin):
+class Model(ConditionsMixin, DirectionsMixin):
     """A voxel model. Make one with `Model.block`, `Model.from_voxels`, a scene, or `Model.load`.
 
     Attributes:
@@ -57,6 +58,7 @@ class Model(ConditionsMixin):
         fractions: (n_elem, n_tissues) float64, rows sum to 1.
         section_ratio: (n_elem,) bending over mean modulus of a layered voxel, or None (blended).
         layer_normal: (n_elem, 3) unit normal of the layers in a voxel, or None.
+        directions: (n_elem, 3) by tissue, then direction of its law: what `set_directions` gave.
         fixed: (n_nodes, 3) bool, held components: they keep the displacement they start with.
         muscles: the muscles, in the order they were added.
         prescribed, body_forces, pressures: what `prescribe`, `body_force`, `pressure` gave.
@@ -107,6 +109,7 @@ class Model(ConditionsMixin):
         self.fixed: Mask = np.zeros((len(self.nodes), 3), dtype=bool)
         self.muscles: list[Muscle] = []
         self._init_conditions()
+        self.directions: dict[str, dict[str, Floats]] = {}
         self.report: dict[str, Any] = {}
         self._gravity = np.zeros(3)
         self._surfaces: dict[str, BoundSurface] | None = (
@@ -339,6 +342,7 @@ class Model(ConditionsMixin):
                         "choose another name"
                     )
                 self.tissue_materials[column] = material
+                self.directions.pop(name, None)
         else:
             column = len(self.tissues)
         if column == len(self.tissues):
@@ -459,25 +463,6 @@ class Model(ConditionsMixin):
             "density": mean([m.density for m in materials]),
             "bending_modulus": bending,
         }
-
-    def law_rows(self) -> list[tuple[str, NDArray[np.int64], Floats]]:
-        """Return the laws besides the neo-Hookean base: name, elements, kernel rows.
-
-        Returns:
-            For each tissue's law and modifier the elements (m,) that hold the tissue and the rows
-            (m, 1 + values): the tissue's fraction as weight, then the law's values.
-        """
-        result = []
-        for column, tissue in enumerate(self.tissue_materials):
-            (elements,) = np.nonzero(self.fractions[:, column] > 0.0)
-            for name, values in tissue.rows():
-                if len(elements) == 0:
-                    continue
-                rows = np.empty((len(elements), 1 + len(values)))
-                rows[:, 0] = self.fractions[elements, column]
-                rows[:, 1:] = values
-                result.append((name, elements.astype(np.int64), rows))
-        return result
 
     def tissue_of(self, element: int) -> str:
         """Return the name of the tissue with the largest fraction in an element."""

@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,7 @@ from tledface.io.vtkhdf import VTKHDFWriter
 from tledface.output import OutputFolder, earlier_run
 from tledface.progress import ProgressBar, spinner
 from tledface.run_checkpoints import MODEL_FILE, RunCheckpoints, any_in, newest_whole, remove_from
+from tledface.run_result import RunResult
 
 if TYPE_CHECKING:
     from tledface.folds import Folds
@@ -43,69 +43,6 @@ __all__ = [
 ]
 
 _PROGRESS_TICKS = 100
-
-
-@dataclass(frozen=True)
-class RunResult:
-    """What a run did and where its files are (``files``: role to path).
-
-    ``dt`` is the mean time step, ``dt_crit`` its bound at rest, ``simulated`` and ``wall`` are in
-    s, ``max_displacement`` in m.
-    """
-
-    directory: Path
-    files: dict[str, Path]
-    device: str
-    precision: str
-    n_elements: int
-    n_nodes: int
-    steps: int
-    dt: float
-    dt_crit: float
-    simulated: float
-    wall: float
-    frames: int
-    max_displacement: float
-    folds: Folds | None
-
-    @property
-    def melem_steps_per_s(self) -> float:
-        """Millions of element steps for each second of the simulation, writing included."""
-        return self.n_elements * self.steps / max(self.wall, 1e-9) * 1e-6
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, SI units."""
-        return {
-            "directory": str(self.directory),
-            "files": {role: str(path) for role, path in self.files.items()},
-            "device": self.device,
-            "precision": self.precision,
-            "elements": self.n_elements,
-            "nodes": self.n_nodes,
-            "steps": self.steps,
-            "dt_s": self.dt,
-            "dt_crit_s": self.dt_crit,
-            "simulated_s": self.simulated,
-            "wall_s": self.wall,
-            "melem_steps_per_s": self.melem_steps_per_s,
-            "frames": self.frames,
-            "max_displacement_m": self.max_displacement,
-            "wrinkles": None if self.folds is None else self.folds.to_dict(),
-        }
-
-    def text(self) -> str:
-        """A few lines for a person."""
-        lines = [
-            f"{self.n_elements:,} elements, {self.steps:,} steps of {self.dt * 1e6:.3g} us "
-            f"(bound at rest {self.dt_crit * 1e6:.3g} us) on {self.device}: {self.wall:.1f} s, "
-            f"{self.melem_steps_per_s:.0f} M element-steps/s",
-            f"largest displacement {self.max_displacement * 1e3:.2f} mm",
-        ]
-        if self.folds is not None:
-            lines.append(self.folds.text())
-        width = max(len(role) for role in self.files)
-        lines += [f"{role:<{width}}  {path}" for role, path in self.files.items()]
-        return "\n".join(lines)
 
 
 def run_scene(
@@ -204,7 +141,7 @@ def _interrupted(sim: Simulator, folder: Path, kept: list[str]) -> str:
     """The line that says where an interrupted run stands and how it goes on."""
     go_on = f"`tledface resume {folder}` goes on" if any_in(folder) else "there is no checkpoint"
     frames = f"frames are in {folder}" if kept else f"no frames in {folder}"
-    return f"interrupted at t = {sim.time:.6g} s; {frames}; {go_on}"
+    return f"interrupted at t = {sim.playback_time:.6g} s; {frames}; {go_on}"
 
 
 def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
@@ -227,14 +164,16 @@ def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
             hourglass=solver.hourglass,
             dt=solver.dt,
             mass_scaling=solver.mass_scaling,
+            time_scaling=solver.time_scaling,
             **more,
         )
     except InputError as error:
         raise InputError(f"{scene.path or 'scene'}: solver: {error}") from None
-    if solver.duration < sim.dt * (1 - 1e-9):
+    shortest = sim.dt * solver.time_scaling
+    if solver.duration < shortest * (1 - 1e-9):
         raise InputError(
             f"{scene.path or 'scene'}: solver.duration: got {solver.duration:.3g} s, shorter than "
-            f"one step of {sim.dt:.3g} s; take a longer one"
+            f"one step of {shortest:.3g} s; take a longer one"
         )
     for muscle in scene.muscles:
         sim.activate(muscle.name, muscle.activation)
@@ -294,7 +233,11 @@ def _simulate(
     went_on: tuple[VTKHDFWriter, dict[str, Any]] | None = None,
 ) -> RunResult:
     """Simulate to the end, from the start or from a checkpoint (frames reopened, its notes)."""
-    duration, fps, every = scene.solver.duration, scene.output.fps, scene.output.checkpoint_every
+    pace = scene.solver.time_scaling
+    # In simulated time, as everything here; frames are written at the time of the playback.
+    duration, fps = scene.solver.duration / pace, scene.output.fps * pace
+    every = scene.output.checkpoint_every
+    every = every / pace if isinstance(every, float) else every
     model = sim.model
     surface = _shown_surface(model)
     checkpoints = RunCheckpoints(folder, scene, model, every)
@@ -305,12 +248,14 @@ def _simulate(
         writer = VTKHDFWriter(path, model, surface, frames=n_frames)
         notes: dict[str, Any] = {"frames": 0, "last_time": -1.0, "wall": 0.0}
         notes["dt_crit"] = sim.dt_crit
+        if pace != 1.0:
+            writer.note_time_scaling(pace)
     else:
         writer, notes = went_on
         checkpoints.wait(sim)
     started = time.perf_counter() - notes["wall"]
     with writer, ProgressBar("simulating", duration, quiet=quiet) as bar:
-        frames = _Frames(writer, fps, notes["frames"], notes["last_time"])
+        frames = _Frames(writer, fps, pace, notes["frames"], notes["last_time"])
 
         def take_checkpoint(sim: Simulator) -> None:
             now = {
@@ -321,7 +266,7 @@ def _simulate(
             checkpoints.take(sim, writer, {**notes, **now})
 
         def on_tick(sim: Simulator) -> None:
-            bar.update(sim.time, f"t = {sim.time * 1e3:.2f} ms")
+            bar.update(sim.time, f"t = {sim.time * pace * 1e3:.2f} ms")
             if frames.due(sim.time + 0.51 * sim.dt):
                 frames.take(sim)
             if checkpoints.due(sim):
@@ -350,6 +295,8 @@ def _simulate(
         dt=sim.time / sim.n_steps,
         dt_crit=notes["dt_crit"],
         simulated=sim.time,
+        time_scaling=pace,
+        added_mass=sim.added_mass,
         wall=wall,
         frames=frames.count,
         max_displacement=float(np.sqrt((u**2).sum(axis=1).max())),
@@ -358,17 +305,19 @@ def _simulate(
 
 
 class _Frames:
-    """Frames at equal times, the first at the start."""
+    """Frames at equal times, the first at the start, written at ``pace`` times their time."""
 
-    def __init__(self, writer: VTKHDFWriter, fps: float, count: int, last_time: float) -> None:
-        self._writer, self._fps = writer, fps
+    def __init__(
+        self, writer: VTKHDFWriter, fps: float, pace: float, count: int, last_time: float
+    ) -> None:
+        self._writer, self._fps, self._pace = writer, fps, pace
         self.count, self.last_time = count, last_time
 
     def due(self, now: float) -> bool:
         return now >= self.count / self._fps
 
     def take(self, sim: Simulator) -> None:
-        self._writer.append(sim.time, sim.u)
+        self._writer.append(sim.time * self._pace, sim.u)
         self.count += 1
         self.last_time = sim.time
 

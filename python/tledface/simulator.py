@@ -22,7 +22,7 @@ from tledface._core_model import check_number, checked_field, core_model
 from tledface._results import Results
 from tledface._serial import serial
 from tledface.conditions import Sampler, Values, prescribed_mask
-from tledface.energy import EnergyLedger, energy_interval
+from tledface.energy import EnergyLedger, energy_interval, ledger_of
 from tledface.errors import InputError, SimulationError
 from tledface.relaxation import Equilibrium, relax
 from tledface.schedule import Constant, Schedule, as_schedule
@@ -32,6 +32,7 @@ from tledface.time_step import (
     StepWatch,
     added_mass,
     checked_scaling,
+    checked_time_scaling,
     scaled_density,
     scaling_options,
 )
@@ -59,6 +60,11 @@ class Simulator(Results):
         mass_scaling: Factor on every density, at least 1; or ``{"dt": seconds}``, which makes only
             those elements heavier that do not allow this step; None is neither. `added_mass` says
             what it added; weight stays that of the true mass.
+        time_scaling: Play the conditions this many times faster, at least 1: activations,
+            prescribed motions, body forces and pressures that are functions of time get
+            `playback_time`, this factor times the simulated time. Everything else is in simulated
+            time: `time`, ``dt``, damping, gravity, and the times of materials, of which a
+            `tledface.time_step.TimeScalingWarning` tells.
         energy_every: Enter the energies in the ledger every so many steps, see `energies`; None
             keeps none. An entry costs as much as some 50 steps.
         kernels: ``"rows"`` (fused vector rows, CPUs), ``"gather"`` (an element a work-item, GPUs)
@@ -79,6 +85,7 @@ class Simulator(Results):
         hourglass_kappa: float = 0.075,
         dt: float | str = "auto",
         mass_scaling: float | Mapping[str, float] | None = None,
+        time_scaling: float = 1.0,
         energy_every: int | None = None,
         kernels: str = "auto",
     ) -> None:
@@ -88,6 +95,7 @@ class Simulator(Results):
         if not isinstance(dt, str):
             check_number("dt", dt, least=0.0, unit="s", exclusive=True)
         scaling = checked_scaling(mass_scaling)
+        self._time_scaling = checked_time_scaling(time_scaling, model)
         self.model = model
         self._options: dict[str, Any] = {
             "precision": precision,
@@ -98,6 +106,8 @@ class Simulator(Results):
             **scaling_options(scaling),
             "kernels": kernels,
         }
+        if self._time_scaling != 1.0:
+            self._options["time_scaling"] = self._time_scaling
         self._energy_every = energy_interval(energy_every)
         if self._energy_every is not None:
             self._options["energy_every"] = self._energy_every
@@ -108,7 +118,9 @@ class Simulator(Results):
             scaled = scaled_density(core_model(model), density, scaling, relief)
             # Weight must not grow with the mass: it goes in as a force where masses are changed.
             heavier = bool((scaled > density).any() and model.gravity.any())
-            self._conditions = Sampler(model, weight_density=density if heavier else None)
+            self._conditions = Sampler(
+                model, density if heavier else None, time_scaling=self._time_scaling
+            )
             core = _core.Simulator(
                 self._device,
                 core_model(model, density=scaled, weightless=heavier),
@@ -134,7 +146,11 @@ class Simulator(Results):
         self._applied = self._values_of_rest()
         self._start_prescribed()
         self._energies: dict[str, float] | None = None
-        self._ledger = None if self._energy_every is None else self._make_ledger(scaled)
+        self._ledger = (
+            None
+            if self._energy_every is None
+            else ledger_of(self._core, model, scaled, self._options, self._name_of)
+        )
         self._until_entry = 0
 
     def __repr__(self) -> str:
@@ -196,7 +212,7 @@ class Simulator(Results):
         """Advance to time ``until`` (s), to the nearest step.
 
         Args:
-            until: Time to reach, s.
+            until: Simulated time to reach, s.
             on_frame: Called as ``on_frame(sim)`` at each multiple of ``1/fps`` after the start,
                 at the step nearest to it.
             fps: Frames a second of simulated time; needed with ``on_frame``.
@@ -232,7 +248,8 @@ class Simulator(Results):
 
         Args:
             tolerance: Stop when the residual and the displacement still to come are both below
-                this share, see `Equilibrium`. ``precision="single"`` cannot go much below 1e-4.
+                this share, see `Equilibrium`. Where rounding keeps ``precision="single"`` from it,
+                the rest is done in float64, with a second copy of the model on the device.
             max_steps: Give up after so many pseudo-steps; the state reached is kept.
 
         Returns:
@@ -271,6 +288,11 @@ class Simulator(Results):
     def time(self) -> float:
         """Simulated time, s."""
         return float(self._core.time)
+
+    @property
+    def playback_time(self) -> float:
+        """The time that activations and conditions are at, s: `time` times ``time_scaling``."""
+        return self.time * self._time_scaling
 
     @property
     def n_steps(self) -> int:
@@ -410,32 +432,6 @@ class Simulator(Results):
         if self._ledger is not None:
             self._ledger.restart()
 
-    def _make_ledger(self, density: NDArray[np.float64]) -> EnergyLedger:
-        model, native = self.model, device_module.resolve("native")
-
-        def host(*, muscles: bool) -> _core.Simulator:
-            core = _core.Simulator(
-                native,
-                core_model(model, density=density, weightless=True, muscles=muscles),
-                precision="double",
-                hourglass=self._options["hourglass"],
-                kappa=self._options["hourglass_kappa"],
-                damping=0.0,
-            )
-            core.dt = self._core.dt
-            return core
-
-        return EnergyLedger(
-            self._core,
-            host(muscles=True),
-            host(muscles=False) if model.muscles else None,
-            past=bool(model.law_rows()),
-            damping=self._options["damping"],
-            held=model.fixed | prescribed_mask(model),
-            name_of=self._name_of,
-            volume=model.volumes,
-        )
-
     def _enter_energies(self, ledger: EnergyLedger) -> None:
         sampler, model = self._conditions, self.model
         next_u = np.zeros((model.n_nodes, 3))
@@ -467,6 +463,7 @@ class Simulator(Results):
     def _sampled(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
         """Activations at the starts of later steps, (n,) -> (n, n_muscles)."""
         times = np.array([self._core.time_after(step) for step in steps.tolist()])
+        times *= self._time_scaling
         table = np.empty((len(times), len(self._schedules)))
         for column, schedule in enumerate(self._schedules):
             muscle = self.model.muscles[column]

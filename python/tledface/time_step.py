@@ -1,4 +1,4 @@
-"""The time step of a simulation: its limit, looked at again during the run, and mass scaling."""
+"""The time step of a simulation: its limit, looked at again during the run; mass, time scaling."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,18 @@ from numpy.typing import NDArray
 from tledface import _core
 from tledface.errors import InputError
 
+if TYPE_CHECKING:
+    from tledface.model import Model
+
 __all__ = [
     "RELIEFS",
     "AddedMass",
     "StepWarning",
     "StepWatch",
+    "TimeScalingWarning",
     "added_mass",
     "checked_scaling",
+    "checked_time_scaling",
     "scaled_density",
     "scaling_of",
     "scaling_options",
@@ -49,6 +54,10 @@ _AHEAD = 9
 
 class StepWarning(RuntimeWarning):
     """A given dt may be above the limit by now."""
+
+
+class TimeScalingWarning(RuntimeWarning):
+    """Laws with times of their own make the answer depend on time scaling."""
 
 
 # Inertia a thousand times the tissue's is no longer that of tissue.
@@ -256,6 +265,31 @@ def added_mass(density: Floats, scaled: Floats, volumes: Floats) -> AddedMass:
         share=kg / float((density * volumes).sum()),
         elements=int(np.count_nonzero(scaled > density)),
     )
+
+
+def checked_time_scaling(factor: Any, model: Model) -> float:
+    """Time scaling as given to `Simulator`, checked; warns where laws have times of their own.
+
+    Raises:
+        InputError: not a factor of at least 1.
+    """
+    if not _is_positive(factor) or factor < 1.0:
+        raise InputError(f"time_scaling: got {factor!r}; allowed: a factor of 1 or more")
+    timed = []
+    for tissue, material in zip(model.tissues, model.tissue_materials, strict=True):
+        if material.prony:
+            timed.append(f"prony of {tissue!r}")
+        start = material.parameters.get("yield_stress")
+        if start != material.parameters.get("yield_stress_end", start):
+            timed.append(f"falling yield stress of {tissue!r}")
+    if factor > 1.0 and timed:
+        warnings.warn(
+            f"time_scaling = {factor:g}: times of {', '.join(timed)} are simulated ones, so the "
+            f"answer depends on the factor; take 1, or give times {factor:g} times shorter",
+            TimeScalingWarning,
+            stacklevel=3,
+        )
+    return float(factor)
 
 
 def _is_positive(value: Any) -> bool:

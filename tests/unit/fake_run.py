@@ -12,6 +12,7 @@ from tledface.constitutive import material
 from tledface.errors import SimulationError
 from tledface.model import Model
 from tledface.scene import Scene
+from tledface.time_step import AddedMass
 
 SCENE = """
 schema = 1
@@ -71,6 +72,7 @@ class FakeSimulator:
     dt = 1e-5
     dt_crit = 1.1e-5
     dt_crit_tissue = "pull"
+    added_mass = AddedMass(kg=0.028512, share=9.0, elements=2880)
     fail_at = np.inf
     made: ClassVar[list[FakeSimulator]] = []
 

@@ -118,6 +118,87 @@ def test_cantilever_under_a_little_gravity():
     assert -sim.u[:, 2].min() == pytest.approx(tip, rel=0.01)
 
 
+def slender(precision, executor, cells=(20, 1, 1), law=None, **options):
+    """A cantilever of a chain of cubes of 1 mm, under a tenth of gravity."""
+    material = law or soft(poissons_ratio=0.45)
+    model = tf.Model.block(cells=cells, size=tuple(1e-3 * n for n in cells), material=material)
+    model.fix(lambda X: X[:, 0] < 1e-9)
+    model.gravity = (0.0, 0.0, -0.981)
+    return tf.Simulator(model, precision=precision, **executor.kwargs, **options)
+
+
+@pytest.mark.parametrize(("length", "rounding"), [(10, 1.4e-2), (20, 3.3e-2)])
+def test_slender_bodies_reach_the_tolerance_in_single_precision(executor, length, rounding, figure):
+    """Rounding alone is more than the tolerance; the answer is that of double precision."""
+    exact = slender("double", executor, (length, 1, 1))
+    assert exact.relax(1e-6).precision == "double"
+    size = np.linalg.norm(exact.u)
+    for tolerance in (1e-3, 1e-4):
+        sim = slender("single", executor, (length, 1, 1))
+        info = sim.relax(tolerance)
+        assert (info.converged, info.precision) == (True, "double")
+        assert max(info.residual, info.displacement_error) <= tolerance
+        error = np.linalg.norm(sim.u - exact.u) / size
+        figure(f"{length}:1, tolerance {tolerance:g}", error, at_most=2 * tolerance)
+
+        def imbalance(sim=sim, info=info):
+            free = ~sim.model.fixed
+            forces = (sim.external_force() - sim.internal_force())[free]
+            return np.linalg.norm(forces) / info.reference
+
+        # What is left is said, and is what float32 makes of the exact state too.
+        assert info.kept_residual == pytest.approx(imbalance(), rel=1e-6)
+        assert info.kept_residual == pytest.approx(rounding, rel=0.5)
+        sim.set_state(exact.u)
+        assert imbalance() == pytest.approx(rounding, rel=0.5)
+
+
+def test_single_precision_stays_where_it_will_do(executor):
+    model = cube()
+    model.fix(low)
+    model.prescribe(high, {"x": 0.0, "y": 0.0, "z": -0.2 * EDGE})
+    info = tf.Simulator(model, precision="single", **executor.kwargs).relax(1e-3)
+    assert (info.converged, info.precision) == (True, "single")
+    assert info.kept_residual == info.residual
+
+
+def test_loads_and_muscles_go_along_into_double_precision(executor):
+    """Every condition still acts there: the equilibrium is that of a double simulator."""
+    found = []
+    for precision in ("single", "double"):
+        sim = slender(precision, executor, (12, 2, 1))
+        model = sim.model
+        model.add_muscle("m", lambda c: c[:, 1] < 1e-3, fibre=(1, 0, 0), sigma_act=300.0)
+        model.body_force(lambda c: c[:, 0] > 6e-3, (0.0, 300.0, 0.0))
+        model.pressure(lambda c, n: n[:, 2] > 0.5, 0.5)
+        model.prescribe(lambda X: X[:, 0] > 11.999e-3, {"y": 3e-4})
+        sim = tf.Simulator(model, precision=precision, mass_scaling=3.0, **executor.kwargs)
+        sim.activate("m", 0.5)
+        info = sim.relax(1e-5)
+        assert (info.converged, info.precision) == (True, "double")
+        found.append(sim.u)
+    assert abs(found[0] - found[1]).max() < 1e-4 * abs(found[1]).max()
+
+
+def test_the_past_goes_along_into_double_precision_and_back(executor):
+    """Plastic tissue that has flowed: the same forces in either precision and layout."""
+    law = tf.material("j2_plastic", mu=1e4, bulk_modulus=4e4, yield_stress=1e3, density=1100.0)
+    sim = slender("single", executor, (3, 9, 2), law, damping=500.0)
+    sim.set_state(sim.model.nodes * (0.1, 0.0, -0.05))
+    sim.run(until=4e-3)
+    core = sim._core
+    assert np.count_nonzero(core.raw_state()["history"]) > 0
+    before, force = sim.u, sim.internal_force()
+    exact = core.in_double()
+    assert exact.displacement() == pytest.approx(before, abs=1e-12)
+    assert abs(np.asarray(exact.internal_force([])) - force).max() < 1e-4 * abs(force).max()
+    core.set_state(before, np.empty(0), 0.0)  # forgets
+    assert abs(sim.internal_force() - force).max() > 1e-2 * abs(force).max()
+    core.take_state(exact)
+    assert np.array_equal(sim.u, before)
+    assert abs(sim.internal_force() - force).max() < 1e-4 * abs(force).max()
+
+
 def test_giving_up_is_said():
     model = cube()
     model.fix(low)

@@ -23,7 +23,8 @@ from tledface.surface import BoundSurface
 __all__ = ["FORMAT", "VERSION", "load_model", "read_model", "save_model", "write_model"]
 
 FORMAT = "tledface model"
-VERSION = 1
+VERSION = 2
+_VERSIONS = (1, VERSION)
 UNITS = "m kg s Pa"
 
 _COMPRESSION: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
@@ -50,7 +51,9 @@ def write_model(model: Model, file: h5py.Group) -> None:
     """Write a model into an open file or group; see `save_model`."""
     _refuse_callables(model)
     file.attrs["format"] = FORMAT
-    file.attrs["version"] = VERSION
+    # The first version that reads it rightly: before 2, direction fields would be passed over and
+    # a mesh looked damaged.
+    file.attrs["version"] = VERSION if model.directions or model.is_conforming else 1
     file.attrs["units"] = UNITS
     grid = () if model.is_conforming else ("voxel", "origin")
     for name in (*grid, "gravity"):
@@ -68,6 +71,8 @@ def write_model(model: Model, file: h5py.Group) -> None:
         group.create_group("parameters").attrs.update(law.parameters)
         group.create_group("options").attrs.update(law.options)
         group.create_group("directions").attrs.update(law.directions)
+        for key, field in model.directions.get(name, {}).items():
+            group.create_dataset(f"direction_fields/{key}", data=field, **_COMPRESSION)
         if law.prony:
             group.attrs["prony"] = law.prony
         if law.pretension is not None:
@@ -154,10 +159,10 @@ def load_model(path: str | Path) -> Model:
                 "`tledface build SCENE -o MODEL.h5` makes one"
             )
         version = file.attrs.get("version")
-        if version != VERSION:
+        if version not in _VERSIONS:
             raise InputError(
-                f"model file {path}: version {version}, this tledface reads version {VERSION}; "
-                "build the model again"
+                f"model file {path}: version {version}, this tledface reads versions up to "
+                f"{VERSION}; build the model again"
             )
         try:
             return read_model(file)
@@ -176,6 +181,12 @@ def read_model(file: h5py.Group) -> Model:
     Raises InputError, KeyError, OSError, TypeError, ValueError or IndexError for a damaged one.
     """
     model = _read_elements(file)
+    for name, group in zip(model.tissues, _numbered(file, "tissues"), strict=True):
+        if "direction_fields" in group:
+            fields = {key: data[()] for key, data in group["direction_fields"].items()}
+            model.set_directions(name, fields)
+            # Normalising a unit vector again may move its last bit, and a restart would differ.
+            model.directions[name] = fields
     model.gravity = file.attrs["gravity"]
     fixed = file["fixed"][()].astype(bool)
     if fixed.shape != model.fixed.shape:

@@ -112,6 +112,10 @@ class _TimeSeries:
         else:
             self._part.unlink()
 
+    def note_time_scaling(self, factor: float) -> None:
+        """Keep with the frames' times that they are this many times the simulated ones."""
+        self._steps.attrs["TimeScaling"] = np.float64(factor)
+
     def _reopen(self, keep: int) -> None:
         """Open the file of a run that ended early, with its first ``keep`` frames."""
         if not self._part.exists() and self.path.exists():
@@ -361,6 +365,12 @@ class VTKHDFWriter(_TimeSeries):
         self._add_step(time, first_point=0)
         if self._surface is not None and self._surface_writer is not None:
             self._surface_writer.append(time, self._surface.displaced(displacement))
+
+    def note_time_scaling(self, factor: float) -> None:
+        """Keep with the times of both files that they are this many times the simulated ones."""
+        super().note_time_scaling(factor)
+        if self._surface_writer is not None:
+            self._surface_writer.note_time_scaling(factor)
 
     def sync(self) -> None:
         """Wait until all frames of both files are on the disk."""

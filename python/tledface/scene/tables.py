@@ -172,7 +172,7 @@ class Boundary(Table):
 class Solver(Table):
     """Time integration."""
 
-    duration: Time = Field(description="simulated time", examples=["50 ms"])
+    duration: Time = Field(description="time that the run covers", examples=["50 ms"])
     dt: TimeStep = Field(default="auto", description="time step; auto keeps below its bound")
     damping: Rate = Field(default=0.0, description="mass-proportional damping")
     hourglass: Literal["physical", "joldes"] = Field(default="physical")
@@ -180,6 +180,11 @@ class Solver(Table):
         default=None, description='coefficient of hourglass = "joldes"'
     )
     mass_scaling: Scale = Field(default=1.0, description="all masses are multiplied by this")
+    time_scaling: Scale = Field(
+        default=1.0,
+        description="activations are played this many times faster; duration, activation and "
+        "output are in the time of the playback",
+    )
     precision: Literal["single", "double"] = Field(default="single")
     gravity: Gravity = Field(default=(0.0, 0.0, 0.0), description="acceleration of gravity")
 
@@ -196,10 +201,10 @@ class Solver(Table):
 class Output(Table):
     """What a run writes."""
 
-    fps: Positive = Field(default=200.0, description="frames for each simulated second")
+    fps: Positive = Field(default=200.0, description="frames for each second of duration")
     checkpoint_every: CheckpointEvery = Field(
         default="auto",
-        description="simulated time between checkpoints; auto: one a minute of the run",
+        description="time between checkpoints; auto: one a minute of the run",
     )
 
 
