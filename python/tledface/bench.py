@@ -2,6 +2,8 @@
 
 Solver and copy are timed in turns in one process, so that both see the same machine; ratios of the
 two travel between machines, times do not. The muscle is contracted before the clock starts.
+
+Beside it, what it is worth that blocks of lanes hold one law each (`measure_laws`).
 """
 
 from __future__ import annotations
@@ -20,13 +22,14 @@ from tledface import device as device_module
 if TYPE_CHECKING:
     from tledface.model import Model
 
-__all__ = ["flat_block", "main", "measure"]
+__all__ = ["flat_block", "law_block", "main", "measure", "measure_laws"]
 
 _CELLS = (120, 120, 9)
 _ACTIVATION = 0.3
 _WARM_UP = 200  # steps
 _BATCH = 200  # steps a timing
 _TIMINGS = 7
+_LAW_WARM_UP, _LAW_BATCH = 50, 50
 _REPEATABLE = 50  # steps of the two runs that are compared bit for bit
 
 
@@ -133,22 +136,127 @@ def _kernels(model: Model, core: _core.Simulator) -> str:
     return "rows" if core.uses_rows else "gather"
 
 
-def main(*, device: Any = "auto", json: bool = False, quiet: bool = False) -> dict[str, Any]:
-    """Measure both hourglass forms on a device; print a table, or one JSON object.
+def law_block(
+    laws: int, *, interleaved: bool, fast_axis: int = 0, cells: tuple[int, int, int] = _CELLS
+) -> Model:
+    """A block of equal numbers of elements of several laws, of the same moduli at rest.
 
-    The object is that of the default form, with the other's under ``"joldes"``, and the same block
-    as a conforming mesh, whose elements are stored and gathered, under ``"conforming"``;
-    ``voxels_save`` is that one's time over the voxels'.
+    Args:
+        laws: How many, 2 to 4; the number of cells along x and y must be a multiple of it.
+        interleaved: Neighbours along the solver's fast axis have different laws, so that every
+            block of lanes holds all; else each law has its own part of the block.
+        fast_axis: The solver's, 0 or 1: `Simulator.axis_order`.
+        cells: Number of elements along x, y, z.
+    """
+    from tledface.constitutive import material
+    from tledface.model import Model
+
+    h, mu, bulk = 0.5e-3, 27e3, 1.3e6
+    common: dict[str, Any] = {"bulk_modulus": bulk, "density": 11000.0}
+    ratio = (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu))
+    materials = [
+        material("mooney_rivlin", c10=0.4 * mu, c01=0.1 * mu, **common),
+        material("ogden", mu1=mu, alpha1=2.0, **common),
+        material("holzapfel_gasser_ogden", mu=mu, k1=5e3, k2=1.0, first=(1, 0, 0), **common),
+        material(
+            "neo_hookean_coupled",
+            youngs_modulus=2 * mu * (1 + ratio),
+            poissons_ratio=ratio,
+            density=11000.0,
+        ),
+    ][:laws]
+    plain = Model.block(
+        cells=cells, size=(cells[0] * h, cells[1] * h, cells[2] * h), material=materials[0]
+    )
+    along = plain.cells[:, fast_axis if interleaved else 1 - fast_axis]
+    law = along % laws if interleaved else along * laws // cells[1 - fast_axis]
+    model = Model.from_voxels(
+        plain.voxel,
+        plain.origin,
+        plain.cells,
+        [m.model for m in materials],
+        materials,
+        np.eye(laws)[law],
+    )
+    model.fix(lambda X: X[:, 2] < 0.1 * h)
+    model.gravity = (0.0, 0.0, -9.81)
+    return model
+
+
+def measure_laws(
+    laws: int, device: Any = "auto", cells: tuple[int, int, int] = _CELLS
+) -> dict[str, Any]:
+    """Time the same elements with their laws in uniform blocks of lanes, and interleaved.
+
+    Returns:
+        ``laws`` (names), ``lanes`` of a block, ``uniform`` and ``interleaved``, each with
+        ``melem_steps_per_s`` and ``spread`` of timings taken in turns, and ``gain``, uniform over
+        interleaved. Interleaved is the worst case: every block computes every law.
+    """
+    from tledface.simulator import Simulator
+
+    opened = device_module.resolve(device)
+
+    def started(*, interleaved: bool, fast_axis: int) -> Simulator:
+        model = law_block(laws, interleaved=interleaved, fast_axis=fast_axis, cells=cells)
+        return Simulator(model, device=opened)
+
+    uniform = started(interleaved=False, fast_axis=0)
+    fast_axis = int(uniform.axis_order[0])
+    if fast_axis == 1:
+        uniform = started(interleaved=False, fast_axis=1)
+    sims = {"uniform": uniform, "interleaved": started(interleaved=True, fast_axis=fast_axis)}
+    times: dict[str, list[float]] = {name: [] for name in sims}
+    for sim in sims.values():
+        sim._core.step(_LAW_WARM_UP, np.empty((_LAW_WARM_UP, 0)))
+        sim._core.finish()
+    for _ in range(_TIMINGS):
+        for name, sim in sims.items():
+            begin = time.perf_counter()
+            sim._core.step(_LAW_BATCH, np.empty((_LAW_BATCH, 0)))
+            sim._core.finish()
+            times[name].append((time.perf_counter() - begin) / _LAW_BATCH)
+    if any(sim._core.first_non_finite_node() >= 0 for sim in sims.values()):
+        raise RuntimeError("bench: the state is not finite, the speed means nothing")
+    model = uniform.model
+    result: dict[str, Any] = {
+        "laws": list(model.tissues),
+        "elements": model.n_elements,
+        "lanes": uniform._core.lanes,
+    }
+    for name, taken in times.items():
+        rate = model.n_elements / statistics.median(taken) / 1e6
+        result[name] = {"melem_steps_per_s": rate, "spread": max(taken) / min(taken)}
+    result["gain"] = (
+        result["uniform"]["melem_steps_per_s"] / (result["interleaved"]["melem_steps_per_s"])
+    )
+    return result
+
+
+def main(*, device: Any = "auto", json: bool = False, quiet: bool = False) -> dict[str, Any]:
+    """Measure both hourglass forms, a mesh, and laws in uniform blocks; print a table or JSON.
+
+    The object is that of the default form, with the other's under ``"joldes"``; the same block as a
+    conforming mesh, whose elements are stored and gathered, under ``"conforming"``, and its time
+    over the voxels' as ``voxels_save``; what `measure_laws` gives for two and four laws under
+    ``"sorting"``.
     """
     model = flat_block()
     physical, joldes = (measure(model, device, hourglass=form) for form in ("physical", "joldes"))
     conforming = measure(model.as_hexahedra(), device)
-    saved = conforming["ms_per_step"] / physical["ms_per_step"]
-    result = {**physical, "joldes": joldes, "conforming": conforming, "voxels_save": saved}
+    sorting = [measure_laws(laws, device) for laws in (2, 4)]
+    result = {
+        **physical,
+        "joldes": joldes,
+        "conforming": conforming,
+        "voxels_save": conforming["ms_per_step"] / physical["ms_per_step"],
+        "sorting": sorting,
+    }
     if json:
         print(json_module.dumps(result, indent=1))
     elif not quiet:
         print(_table([physical, joldes, conforming]))
+        print(_law_table(sorting))
     return result
 
 
@@ -165,6 +273,16 @@ def _table(results: list[dict[str, Any]]) -> str:
         f"{r['hourglass']:<10} {r['kernels']:<9} {r['ms_per_step']:9.3f} "
         f"{r['melem_steps_per_s']:15.1f} {r['copy_gb_s']:10.1f} {r['effective_bytes']:16.1f}  "
         f"{'yes' if r['bitwise_repeatable'] else 'NO'}"
+        for r in results
+    ]
+    return "\n".join(lines)
+
+
+def _law_table(results: list[dict[str, Any]]) -> str:
+    lines = ["", "laws  uniform blocks  interleaved lanes  gain  (M elem-steps/s)"]
+    lines += [
+        f"{len(r['laws']):4d} {r['uniform']['melem_steps_per_s']:15.1f} "
+        f"{r['interleaved']['melem_steps_per_s']:18.1f} {r['gain']:5.2f}"
         for r in results
     ]
     return "\n".join(lines)

@@ -86,6 +86,10 @@ class FakeSimulator:
         return self.n_steps * self.dt
 
     @property
+    def playback_time(self):
+        return self.time * self.options.get("time_scaling", 1.0)
+
+    @property
     def u(self):
         x, z = self.model.nodes[:, 0], self.model.nodes[:, 2]
         u = np.zeros_like(self.model.nodes)
