@@ -25,3 +25,5 @@
 #include "state.cl"
 #endif
 #include "conditions.cl"
+#include "sliding_layout.cl"
+#include "sliding.cl"

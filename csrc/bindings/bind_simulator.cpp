@@ -82,7 +82,8 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
                                           const std::string& precision,
                                           const std::string& hourglass, double kappa,
                                           double damping, const std::string& kernels,
-                                          std::size_t n_bands, const Conditions* conditions) {
+                                          std::size_t n_bands, const Conditions* conditions,
+                                          const SlidingNodes* sliding) {
   SimulatorOptions options;
   options.precision = pick<Precision>(
       "precision", precision, {{"single", Precision::kSingle}, {"double", Precision::kDouble}});
@@ -97,7 +98,8 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
   options.n_bands = n_bands;
   py::gil_scoped_release release;
   return std::make_unique<Simulator>(std::move(device), model, options,
-                                     conditions ? *conditions : Conditions());
+                                     conditions ? *conditions : Conditions(),
+                                     sliding ? *sliding : SlidingNodes());
 }
 
 void add_prescribed(Conditions& conditions, const Array<std::int64_t>& dofs) {
@@ -130,6 +132,41 @@ void add_pressure(Conditions& conditions, const Array<std::int32_t>& faces) {
   conditions.pressure_faces.insert(conditions.pressure_faces.end(), given.begin(), given.end());
   conditions.pressure_channels.insert(conditions.pressure_channels.end(), given.size() / 4,
                                       conditions.n_pressures++);
+}
+
+TriangleMesh make_mesh(const Array<double>& vertices, const Array<std::int32_t>& faces) {
+  if (vertices.size() % 3 || faces.size() % 3)
+    throw InputError("sliding: a vertex has three coordinates, a face three corners");
+  TriangleMesh mesh;
+  for (py::ssize_t i = 0; i < vertices.size(); i += 3)
+    mesh.vertices.push_back({vertices.data()[i], vertices.data()[i + 1], vertices.data()[i + 2]});
+  const auto n = static_cast<std::int32_t>(mesh.vertices.size());
+  for (py::ssize_t i = 0; i < faces.size(); i += 3) {
+    mesh.faces.push_back({faces.data()[i], faces.data()[i + 1], faces.data()[i + 2]});
+    for (const std::int32_t corner : mesh.faces.back())
+      if (corner < 0 || corner >= n)
+        throw InputError("sliding: a face names vertex " + std::to_string(corner) +
+                         ", which does not exist");
+  }
+  return mesh;
+}
+
+// Squared distances and faces.
+py::tuple nearest_tuple(const std::vector<NearestTriangle>& found) {
+  std::vector<double> squares;
+  std::vector<std::int32_t> faces;
+  for (const NearestTriangle& nearest : found) {
+    squares.push_back(nearest.square);
+    faces.push_back(nearest.face);
+  }
+  return py::make_tuple(to_array(std::move(squares)), to_array(std::move(faces)));
+}
+
+std::vector<Vec3> make_points(const Array<double>& points) {
+  std::vector<Vec3> result;
+  for (py::ssize_t i = 0; i + 2 < points.size(); i += 3)
+    result.push_back({points.data()[i], points.data()[i + 1], points.data()[i + 2]});
+  return result;
 }
 
 StepInput make_input(const Array<double>& activations, const Array<double>& values,
@@ -193,10 +230,50 @@ void define_simulator(py::module_& module) {
       .def("add_load", &add_load, py::arg("dofs"), py::arg("forces"))
       .def("add_pressure", &add_pressure, py::arg("faces"));
 
+  py::class_<SlidingNodes>(module, "SlidingNodes", "Nodes that slide on surfaces; see Model.slide.")
+      .def(py::init<>())
+      .def(
+          "add_surface",
+          [](SlidingNodes& sliding, const Array<double>& vertices,
+             const Array<std::int32_t>& faces) {
+            sliding.surfaces.push_back(make_mesh(vertices, faces));
+          },
+          py::arg("vertices"), py::arg("faces"))
+      .def(
+          "set_nodes",
+          [](SlidingNodes& sliding, const Array<std::int64_t>& nodes,
+             const Array<std::int32_t>& surface, const Array<double>& distance) {
+            sliding.nodes = to_vector(nodes);
+            sliding.surface = to_vector(surface);
+            sliding.distance = to_vector(distance);
+          },
+          py::arg("nodes"), py::arg("surface"), py::arg("distance"));
+
+  module.def(
+      "grid_nearest",
+      [](std::shared_ptr<Device> device, const std::string& precision,
+         const Array<double>& vertices, const Array<std::int32_t>& faces,
+         const Array<double>& points) {
+        return nearest_tuple(nearest_in_grid(
+            *device, precision == "double" ? Precision::kDouble : Precision::kSingle,
+            make_mesh(vertices, faces), make_points(points)));
+      },
+      py::arg("device"), py::arg("precision"), py::arg("vertices"), py::arg("faces"),
+      py::arg("points"), "Squared distances (m^2) and faces that a device's grid search finds.");
+  module.def(
+      "brute_force_nearest",
+      [](const Array<double>& vertices, const Array<std::int32_t>& faces,
+         const Array<double>& points) {
+        return nearest_tuple(nearest_by_brute_force(make_mesh(vertices, faces), make_points(points)));
+      },
+      py::arg("vertices"), py::arg("faces"), py::arg("points"),
+      "The same by trying every triangle, in float64.");
+
   py::class_<Simulator>(module, "Simulator", "The step loop on one device; see tledface.Simulator.")
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
            py::arg("precision"), py::arg("hourglass"), py::arg("kappa"), py::arg("damping"),
-           py::arg("kernels") = "auto", py::arg("n_bands") = 0, py::arg("conditions") = py::none())
+           py::arg("kernels") = "auto", py::arg("n_bands") = 0, py::arg("conditions") = py::none(),
+           py::arg("sliding") = py::none())
       .def(
           "step",
           [](Simulator& sim, std::size_t n, const Array<double>& activations,
@@ -249,6 +326,9 @@ void define_simulator(py::module_& module) {
       .def("in_double", &Simulator::in_double)
       .def("take_state", &Simulator::take_state, py::arg("other"))
       .def("relaxation_masses", [](Simulator& sim) { return to_array(sim.relaxation_masses()); })
+      .def("slide_now", &Simulator::slide_now)
+      .def("sliding_normals",
+           [](const Simulator& sim) { return to_array(sim.sliding_normals(), 3); })
       .def("finish", &Simulator::finish, py::call_guard<py::gil_scoped_release>())
       .def_property("dt", &Simulator::dt, &Simulator::set_dt)
       .def("bound_at_rest", [](const Simulator& sim) { return bound_tuple(sim.bound_at_rest()); })

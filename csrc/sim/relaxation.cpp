@@ -185,6 +185,7 @@ void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput&
     for (std::size_t i = 0; i < batch; ++i) {
       enqueue_step(static_cast<std::int32_t>(i), 0);
       relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i), 0);
+      if (sliding_) sliding_->enqueue(1 - now_);
       now_ = 1 - now_;
     }
     done += batch;

@@ -22,7 +22,8 @@ std::vector<T> narrowed(const std::vector<double>& values) {
 }  // namespace
 
 Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
-                     const SimulatorOptions& options, Conditions conditions)
+                     const SimulatorOptions& options, Conditions conditions,
+                     const SlidingNodes& sliding)
     : device_(std::move(device)), model_(std::move(model)), options_(options) {
   rows_ = options_.kernels == KernelPath::kRows ||
           (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
@@ -77,6 +78,13 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
       std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,
                                         options_.precision, first_column, kBatch);
   device_bytes_ += conditions_->bytes();
+  if (!sliding.empty()) {
+    sliding_ = std::make_unique<Sliding>(sliding, model_, arrays_, *device_, *program_,
+                                         options_.precision, rows_);
+    device_bytes_ += sliding_->bytes();
+    const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
+    sliding_->bind(u);
+  }
   bind_masses(*blocks_, *node_sets_);
 }
 
@@ -190,6 +198,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     for (std::size_t i = 0; i < batch; ++i) {
       const std::int64_t at = (clock_steps_ + static_cast<std::int64_t>(i) + 1) / kFieldStride;
       enqueue_step(static_cast<std::int32_t>(i), static_cast<std::int32_t>(at - key));
+      if (sliding_) sliding_->enqueue(1 - now_);
       now_ = 1 - now_;
     }
     starts_ = false;
@@ -255,6 +264,12 @@ void Simulator::set_state(const std::vector<double>& u, const std::vector<double
   clock_start_ = time;
   clock_steps_ = n_steps_ = 0;
   starts_ = true;
+}
+
+void Simulator::slide_now() {
+  if (!sliding_) return;
+  sliding_->enqueue(now_);
+  device_->finish();
 }
 
 RawState Simulator::raw_state() {

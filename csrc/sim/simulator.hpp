@@ -14,6 +14,7 @@
 #include "precompute/time_step.hpp"
 #include "sim/force_path.hpp"
 #include "sim/nodal_conditions.hpp"
+#include "sim/sliding.hpp"
 #include "sim/state_evaluator.hpp"
 #include "sim/step_limit.hpp"
 
@@ -59,7 +60,7 @@ class Simulator {
  public:
   // Prescribed components must be fixed in `model`: their 1/mass is 0.
   Simulator(std::shared_ptr<Device> device, VoxelModel model, const SimulatorOptions& options,
-            Conditions conditions = {});
+            Conditions conditions = {}, const SlidingNodes& sliding = {});
   ~Simulator();
 
   // Advances n steps of dt().
@@ -122,6 +123,12 @@ class Simulator {
                                     const std::vector<double>& activations);
   // Loads, pressures and gravity, N, 3 per node.
   std::vector<double> external_force(const std::vector<double>& values);
+  // Of the sliding nodes; see Sliding::normals.
+  std::vector<double> sliding_normals() const {
+    return sliding_ ? sliding_->normals() : std::vector<double>();
+  }
+  // Puts sliding nodes of the displacement of now to their distances, at rest.
+  void slide_now();
   ElementState element_state(const std::vector<double>& activations);
   // First node whose displacement is not finite, or -1.
   std::int64_t first_non_finite_node();
@@ -171,6 +178,7 @@ class Simulator {
 
   std::unique_ptr<Program> program_;
   std::unique_ptr<NodalConditions> conditions_;
+  std::unique_ptr<Sliding> sliding_;  // where nodes slide
   // While one is going on: the masses, each block its own row set, and gravity as forces, since
   // its acceleration belongs to the true masses.
   struct Relaxation {

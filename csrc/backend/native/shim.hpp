@@ -37,6 +37,15 @@ inline realv gather_lanes(const real* p, const int* at) {
   for (int lane = 0; lane < TLED_LANES; ++lane) v[lane] = p[at[lane]];
   return v;
 }
+inline void scatter_lanes(realv v, real* p, const int* at) {
+  for (int lane = 0; lane < TLED_LANES; ++lane) p[at[lane]] = v[lane];
+}
+inline int all_below(realv a, realv b) {
+  const auto below = a < b;
+  int all = 1;
+  for (int lane = 0; lane < TLED_LANES; ++lane) all &= below[lane] != 0;
+  return all;
+}
 
 #if TLED_LANES == 16
 inline realv next_lanes(realv own, realv next) {
