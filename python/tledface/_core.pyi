@@ -66,6 +66,26 @@ def clean_cells(
     cells: ArrayLike, min_neighbours: int
 ) -> tuple[NDArray[np.bool_], int, list[int]]: ...
 
+# bind_model.cpp
+
+class _NearestSurfaces(TypedDict):
+    surface: NDArray[np.int32]
+    face: NDArray[np.int32]
+    distance: NDArray[np.float64]
+    point: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    tied: NDArray[np.bool_]
+
+def nearest_cells(
+    cells: ArrayLike, voxel: Sequence[float], points: ArrayLike
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]: ...
+def weld(
+    vertices: ArrayLike, faces: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
+def nearest_surfaces(
+    surfaces: Sequence[tuple[ArrayLike, ArrayLike]], points: ArrayLike, tolerance: float
+) -> _NearestSurfaces: ...
+
 # bind_devices.cpp
 
 class DeviceInfo:

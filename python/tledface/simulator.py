@@ -26,6 +26,7 @@ from tledface.energy import EnergyLedger, energy_interval
 from tledface.errors import InputError, SimulationError
 from tledface.relaxation import Equilibrium, relax
 from tledface.schedule import Constant, Schedule, as_schedule
+from tledface.sliding import warn_not_simulated
 from tledface.time_step import (
     RELIEFS,
     AddedMass,
@@ -66,6 +67,8 @@ class Simulator(Results):
 
     Raises:
         InputError: a value out of range, a ``dt`` above the bound, no such device.
+
+    Sliding nodes are free in this version: a model that has some gives a `SlidingWarning`.
     """
 
     def __init__(
@@ -89,6 +92,7 @@ class Simulator(Results):
             check_number("dt", dt, least=0.0, unit="s", exclusive=True)
         scaling = checked_scaling(mass_scaling)
         self.model = model
+        warn_not_simulated(model.sliding, model.n_nodes)
         self._options: dict[str, Any] = {
             "precision": precision,
             "damping": float(damping),
