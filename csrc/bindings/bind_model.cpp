@@ -27,13 +27,17 @@ py::tuple bind_nearest_cells(const Array<std::int32_t>& cells_in, std::array<dou
   return py::make_tuple(to_array(std::move(found.element)), to_array(std::move(found.distance)));
 }
 
-py::tuple bind_weld(const Array<double>& vertices, const Array<std::int32_t>& faces) {
-  const TriangleMesh mesh = to_mesh(vertices, faces);
+void check_faces(const TriangleMesh& mesh) {
   for (const Face& face : mesh.faces)
     for (const auto v : face)
       if (v < 0 || static_cast<std::size_t>(v) >= mesh.vertices.size())
         throw InputError("faces: one names vertex " + std::to_string(v) + " of " +
                          std::to_string(mesh.vertices.size()));
+}
+
+py::tuple bind_weld(const Array<double>& vertices, const Array<std::int32_t>& faces) {
+  const TriangleMesh mesh = to_mesh(vertices, faces);
+  check_faces(mesh);
   TriangleMesh welded;
   {
     py::gil_scoped_release unlocked;
@@ -42,15 +46,22 @@ py::tuple bind_weld(const Array<double>& vertices, const Array<std::int32_t>& fa
   return py::make_tuple(points_array(welded.vertices), faces_array(welded.faces));
 }
 
-py::dict bind_nearest_surfaces(
-    const std::vector<std::pair<Array<double>, Array<std::int32_t>>>& meshes,
-    const Array<double>& points_in, double tolerance) {
+using Meshes = std::vector<std::pair<Array<double>, Array<std::int32_t>>>;
+
+std::vector<TriangleMesh> to_surfaces(const Meshes& meshes) {
   std::vector<TriangleMesh> surfaces;
   for (const auto& [vertices, faces] : meshes) {
     surfaces.push_back(to_mesh(vertices, faces));
+    check_faces(surfaces.back());
     if (surfaces.back().faces.empty()) throw InputError("faces: a surface has none");
   }
   if (surfaces.empty()) throw InputError("surfaces: at least one is needed");
+  return surfaces;
+}
+
+py::dict bind_nearest_surfaces(const Meshes& meshes, const Array<double>& points_in,
+                               double tolerance) {
+  const std::vector<TriangleMesh> surfaces = to_surfaces(meshes);
   const std::vector<Vec3> points = to_points(points_in, "points");
   const std::size_t n = points.size();
   std::vector<std::int32_t> surface(n), face(n);
@@ -80,6 +91,21 @@ py::dict bind_nearest_surfaces(
   return d;
 }
 
+py::array_t<bool> bind_segments_meet(const Meshes& meshes, const Array<double>& starts_in,
+                                     const Array<double>& ends_in) {
+  const std::vector<TriangleMesh> surfaces = to_surfaces(meshes);
+  const std::vector<Vec3> starts = to_points(starts_in, "starts"), ends = to_points(ends_in, "ends");
+  if (starts.size() != ends.size()) throw InputError("ends: as many as starts are needed");
+  std::vector<char> meets;
+  {
+    py::gil_scoped_release unlocked;
+    meets = segments_meet(surfaces, starts, ends);
+  }
+  py::array_t<bool> result(static_cast<py::ssize_t>(meets.size()));
+  std::copy(meets.begin(), meets.end(), result.mutable_data());
+  return result;
+}
+
 }  // namespace
 
 void define_model(py::module_& module) {
@@ -93,4 +119,6 @@ void define_model(py::module_& module) {
              py::arg("tolerance"),
              "The nearest of several (vertices, faces) to each point: surface, face, signed "
              "distance (m), point, unit normal, tied.");
+  module.def("segments_meet", &bind_segments_meet, py::arg("surfaces"), py::arg("starts"),
+             py::arg("ends"), "Which segments meet any of several (vertices, faces).");
 }

@@ -36,18 +36,38 @@ NearestSurface nearest(const std::vector<Bvh>& trees, const Vec3& p, double tole
   return result;
 }
 
+std::vector<Bvh> trees_of(const std::vector<TriangleMesh>& surfaces) {
+  std::vector<Bvh> trees;
+  trees.reserve(surfaces.size());
+  for (const TriangleMesh& mesh : surfaces) trees.emplace_back(mesh);
+  return trees;
+}
+
 }  // namespace
 
 std::vector<NearestSurface> nearest_surfaces(const std::vector<TriangleMesh>& surfaces,
                                              const std::vector<Vec3>& points, double tolerance) {
-  std::vector<Bvh> trees;
-  trees.reserve(surfaces.size());
-  for (const TriangleMesh& mesh : surfaces) trees.emplace_back(mesh);
+  const std::vector<Bvh> trees = trees_of(surfaces);
   std::vector<NearestSurface> result(points.size());
   parallel_for_chunks(points.size(), 1024, [&](std::size_t begin, std::size_t end) {
     for (std::size_t i = begin; i < end; ++i) result[i] = nearest(trees, points[i], tolerance);
   });
   return result;
+}
+
+std::vector<char> segments_meet(const std::vector<TriangleMesh>& surfaces,
+                                const std::vector<Vec3>& starts, const std::vector<Vec3>& ends) {
+  const std::vector<Bvh> trees = trees_of(surfaces);
+  std::vector<char> meets(starts.size(), 0);
+  parallel_for_chunks(starts.size(), 1024, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i)
+      for (const Bvh& tree : trees)
+        if (tree.crosses(starts[i], ends[i])) {
+          meets[i] = 1;
+          break;
+        }
+  });
+  return meets;
 }
 
 }  // namespace tledface

@@ -22,4 +22,8 @@ struct NearestSurface {
 std::vector<NearestSurface> nearest_surfaces(const std::vector<TriangleMesh>& surfaces,
                                              const std::vector<Vec3>& points, double tolerance);
 
+// Which of the segments from starts[i] to ends[i] meet any of the surfaces.
+std::vector<char> segments_meet(const std::vector<TriangleMesh>& surfaces,
+                                const std::vector<Vec3>& starts, const std::vector<Vec3>& ends);
+
 }  // namespace tledface

@@ -85,6 +85,9 @@ def weld(
 def nearest_surfaces(
     surfaces: Sequence[tuple[ArrayLike, ArrayLike]], points: ArrayLike, tolerance: float
 ) -> _NearestSurfaces: ...
+def segments_meet(
+    surfaces: Sequence[tuple[ArrayLike, ArrayLike]], starts: ArrayLike, ends: ArrayLike
+) -> NDArray[np.bool_]: ...
 
 # bind_devices.cpp
 

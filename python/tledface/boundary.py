@@ -266,7 +266,9 @@ def _slide(
     reach = _SLIDING_REACH * float(model.voxel.max()) if spec.reach is None else spec.reach
     good: Mask = np.isin(found["surface"], chosen) & (np.abs(found["distance"]) <= reach)
     good &= _faces_bone(model, faces, normals, outermost, found)
-    good &= _faces_skin(found, skin) > spec.facing
+    rows = np.flatnonzero(good)
+    free = float(model.voxel.max())
+    good[rows] = _faces_skin(found, rows, skin, meshes, spec.facing, free)
     if spec.boxes:
         good &= _in_boxes(model, spec.boxes)[outermost]
     if spec.excluded:
@@ -323,14 +325,30 @@ def _direction(away: Floats, found: Any) -> Floats:
     return np.where(near[:, None], found["normal"], away / np.where(near, 1.0, length)[:, None])
 
 
-def _faces_skin(found: Any, skin: tuple[Floats, NDArray[np.integer]]) -> Floats:
-    """Cosine of the bone's outward normal and the way from the bone to the skin, (n,)."""
+def _faces_skin(
+    found: Any,
+    rows: NDArray[np.int64],
+    skin: tuple[Floats, NDArray[np.integer]],
+    bones: Sequence[tuple[Floats, NDArray[np.int32]]],
+    facing: float,
+    free: float,
+) -> Mask:
+    """Whether a bone faces the skin where it is nearest to a node, for some rows of ``found``.
+
+    Its outward normal and the way to the nearest skin have a cosine above ``facing``, and no bone
+    lies on that way, which the floor of a cavity would have; bone nearer than ``free`` (m) to
+    where it starts is roughness.
+    """
+    start = found["point"][rows]
     vertices, faces = _core.weld(*skin)
-    out = _core.nearest_surfaces([(vertices, faces)], found["point"], 0.0)
+    out = _core.nearest_surfaces([(vertices, faces)], start, 0.0)
     # Outwards through the skin, also where a bone pokes through it.
-    way = _direction(found["point"] - out["point"], out)
-    cosine: Floats = np.einsum("ij,ij->i", way, found["normal"])
-    return cosine
+    way = _direction(start - out["point"], out)
+    faces_it = np.einsum("ij,ij->i", way, found["normal"][rows]) > facing
+    far = -out["distance"] > free
+    blocked = np.zeros(len(rows), dtype=bool)
+    blocked[far] = _core.segments_meet(bones, (start + free * way)[far], out["point"][far])
+    return np.asarray(faces_it & ~blocked)
 
 
 def _named(bones: Sequence[Bone], names: Sequence[str], where: str) -> list[int]:

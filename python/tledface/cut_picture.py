@@ -88,6 +88,7 @@ def cut_picture(path: str | Path, model: Model, axis: str, at: float) -> Path:
     tall = max(height, 4.8)
     wide = min(5.6, tall)
     window = _detail(elements, cells, model, (edges, origin), wide / tall)
+    window = (*_within(window[:2], extent[:2]), *_within(window[2:], extent[2:]))
     figure = Figure(figsize=(width + wide + 1.4, tall + 2.1), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     total = figure.get_size_inches()
@@ -157,8 +158,11 @@ def _outlines(model: Model, normal: int, at: float) -> list[tuple[str, str, Floa
 
 
 def _nodes(model: Model, normal: int, layer: int) -> list[tuple[str, Floats]]:
-    """Bound nodes on both sides of the layer of voxels."""
-    beside = np.isin(model.node_ijk[:, normal], (layer, layer + 1))
+    """Bound nodes on the lower side of the layer of voxels."""
+    corners = model.elements[model.cells[:, normal] == layer]
+    beside = np.zeros(model.n_nodes, dtype=bool)
+    beside[corners] = True
+    beside &= model.node_ijk[:, normal] == layer
     found = []
     for kind, members in node_kinds(model).items():
         # A plane of symmetry in the cut would cover it.
@@ -184,6 +188,14 @@ def _detail(
     tall = 0.5e3 * _DETAIL * float(edges.max())
     wide = shape * tall
     return centre[0] - wide, centre[0] + wide, centre[1] - tall, centre[1] + tall
+
+
+def _within(part: tuple[float, float], whole: tuple[float, float]) -> tuple[float, float]:
+    """A stretch moved into another, or to its middle where it is longer."""
+    length = part[1] - part[0]
+    room = whole[1] - whole[0] - length
+    low = min(max(part[0], whole[0]), whole[1] - length) if room >= 0.0 else whole[0] + 0.5 * room
+    return low, low + length
 
 
 def _draw(
