@@ -30,7 +30,8 @@ __all__ = ["BuildWarning", "build_model"]
 
 Floats = NDArray[np.float64]
 
-# Vertices of a bound surface farther than this from any voxel (in voxels) stay at rest.
+# Where only a region of the skin has tissue, vertices of a bound surface farther than this from any
+# voxel (in voxels) stay at rest.
 _BIND_REACH = 3.0
 
 
@@ -201,7 +202,9 @@ def _missed_muscle(spec: MuscleSpec, surfaces: list[SurfaceFile], model: Model) 
 
 def _bind_surfaces(model: Model, scene: Scene) -> None:
     """Bind the skin and the scene's other surfaces, vertex for vertex as their files have them."""
-    geometry, reach = scene.geometry, _BIND_REACH * float(model.voxel.max())
+    geometry, near = scene.geometry, _BIND_REACH * float(model.voxel.max())
+    # Without a region, far vertices are parts too thin for the voxels, which go with the body.
+    reach = None if geometry.region is None else near
     vertices, polygons = read_polygons(geometry.skin, unit_scale=geometry.unit_scale)
     model.surfaces["skin"] = BoundSurface.on(model, vertices, polygons, reach=reach)
     for spec in scene.surfaces:
@@ -213,7 +216,7 @@ def _bind_surfaces(model: Model, scene: Scene) -> None:
             reach=reach if spec.reach is None else spec.reach,
             fade=spec.fade,
         )
-        if not bound.bound.any():
+        if bound.distance(model.voxel).min() > max(near, spec.reach or 0.0):
             raise InputError(
                 f"surface {spec.name!r}: no vertex of {spec.file} lies near the tissue; it spans "
                 f"{_show_box(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))}, the voxels "

@@ -129,6 +129,12 @@ class BoundSurface:
             return np.ones(len(self.vertices), dtype=bool)
         return self.follow > 0.0
 
+    def distance(self, voxel: ArrayLike) -> NDArray[np.float64]:
+        """How far each vertex lies from its element at rest, (nv,) m, 0 inside; voxel (3,) m."""
+        outside = np.maximum(np.maximum(-self.local, self.local - 1.0), 0.0) * np.asarray(voxel)
+        squared: NDArray[np.float64] = np.einsum("ij,ij->i", outside, outside)
+        return np.sqrt(squared)
+
     @property
     def bound_faces(self) -> NDArray[np.int32]:
         """Those of ``faces`` whose vertices all move with the voxels."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
@@ -97,17 +98,20 @@ def _corner_words(polygons: Polygons) -> list[str]:
 
 def _write_ply(file: BinaryIO, vertices: NDArray[Any], polygons: Polygons) -> None:
     sizes, n_polygons = polygons.sizes, len(polygons.sizes)
+    # Several readers take binary lists of one length only.
+    binary = bool((sizes == sizes[0]).all())
     file.write(
-        "ply\nformat binary_little_endian 1.0\n"
+        f"ply\nformat {'binary_little_endian' if binary else 'ascii'} 1.0\n"
         f"element vertex {len(vertices)}\n"
         "property float x\nproperty float y\nproperty float z\n"
         f"element face {n_polygons}\nproperty list int int vertex_indices\nend_header\n".encode()
     )
+    if not binary:
+        np.savetxt(file, vertices, "%.9g")
+        corners, starts = [str(v) for v in polygons.vertex.tolist()], polygons.starts.tolist()
+        rows = (corners[a:b] for a, b in itertools.pairwise(starts))
+        file.writelines(f"{len(row)} {' '.join(row)}\n".encode() for row in rows)
+        return
     file.write(np.ascontiguousarray(vertices, dtype="<f4").tobytes())
-    # A count before the corners of each polygon.
-    numbers = np.empty(len(polygons.vertex) + n_polygons, dtype="<i4")
-    counts = polygons.starts[:-1] + np.arange(n_polygons)
-    is_count = np.zeros(len(numbers), dtype=bool)
-    is_count[counts] = True
-    numbers[is_count], numbers[~is_count] = sizes, polygons.vertex
-    file.write(numbers.tobytes())
+    rows_of = polygons.vertex.reshape(n_polygons, -1)
+    file.write(np.ascontiguousarray(np.column_stack([sizes, rows_of]), dtype="<i4").tobytes())

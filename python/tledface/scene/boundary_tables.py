@@ -167,8 +167,8 @@ class SurfaceSpec(Table):
     )
     reach: Length | None = Field(
         default=None,
-        description="vertices farther than this from the tissue stay at rest; three voxels if "
-        "left out",
+        description="vertices farther than this from the tissue stay at rest; if left out three "
+        "voxels where [geometry] has a region, else none stay",
     )
     fade: Reach = Field(
         default=0.0, description="over this length beyond reach the movement fades out"
