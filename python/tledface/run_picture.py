@@ -19,8 +19,6 @@ from tledface.voxel_view import VIEWS
 __all__ = ["run_pictures"]
 
 _FRAMES = ("frames_surface.vtkhdf", "frames_surface.part.vtkhdf")
-# Beside what moved, this share of its size is shown around it.
-_AROUND = 0.05
 
 
 def run_pictures(
@@ -50,7 +48,6 @@ def run_pictures(
         if view not in known:
             raise InputError(f"view: got {view!r}; allowed: {', '.join(known)}")
     rest, moved, faces = _frames(directory)
-    faces = _moving_part(rest, moved, faces)
     check_folder(folder, "pictures")
     folder.mkdir(exist_ok=True)
     found = ((about.get("result") or {}).get("wrinkles")) or {}
@@ -85,7 +82,7 @@ def _view(name: str) -> dict[str, Any]:
 def _frames(
     directory: Path,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Points of the first and last frame, (nv, 3) m, and the triangles."""
+    """Points of the first and last frame, (nv, 3) m, and the triangles that follow the tissue."""
     path = next((directory / name for name in _FRAMES if (directory / name).exists()), None)
     if path is None:
         raise InputError(f"render {directory}: it holds no {_FRAMES[0]}; run the scene again")
@@ -98,23 +95,9 @@ def _frames(
             rest = root["Points"][:n_points].astype(np.float64)
             moved = root["Points"][last : last + n_points].astype(np.float64)
             faces = root["Polygons/Connectivity"][()].astype(np.int64).reshape(-1, 3)
+            if "moves" in root["CellData"]:
+                faces = faces[root["CellData/moves"][()] != 0]
     except (OSError, KeyError, ValueError, IndexError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{path}: cannot be read ({reason}); run the scene again") from None
     return rest, moved, faces
-
-
-def _moving_part(
-    rest: NDArray[np.float64], moved: NDArray[np.float64], faces: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """The faces in the box of what moved, so that a whole head does not hide a brow."""
-    used = np.zeros(len(rest), dtype=bool)
-    used[faces] = True
-    moves = used & (moved != rest).any(axis=1)
-    if not moves.any():
-        return faces
-    low, high = rest[moves].min(axis=0), rest[moves].max(axis=0)
-    around = _AROUND * float((high - low).max())
-    inside = ((rest >= low - around) & (rest <= high + around)).all(axis=1)
-    shown: NDArray[np.int64] = faces[inside[faces].all(axis=1)]
-    return shown
