@@ -91,11 +91,11 @@ def build(
     with spinner("building the model", quiet=quiet or json):
         model = loaded.build()
     save_built(loaded, model, output)
-    bound = model.report["boundary"]
+    bound = model.report.get("boundary", {})
     lines = [
         f"wrote {output}: {model.n_elements:,} voxels, {model.n_nodes:,} nodes; "
         f"tissues {', '.join(model.tissues)}",
-        *boundary_text(bound),
+        *(boundary_text(bound) if bound else []),
     ]
     give(
         "\n".join(lines),
