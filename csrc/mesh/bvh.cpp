@@ -70,6 +70,36 @@ Vec3 closest_weights(const Vec3& p, const std::array<Vec3, 3>& t) {
   return best;
 }
 
+// Whether a + t * run, t in [0, 1], meets a box.
+bool segment_meets_box(const Vec3& a, const Vec3& run, const Vec3& low, const Vec3& high) {
+  double from = 0, to = 1;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (run[axis] == 0) {
+      if (a[axis] < low[axis] || a[axis] > high[axis]) return false;
+      continue;
+    }
+    const double p = (low[axis] - a[axis]) / run[axis], q = (high[axis] - a[axis]) / run[axis];
+    from = std::max(from, std::min(p, q));
+    to = std::min(to, std::max(p, q));
+  }
+  return from <= to;
+}
+
+// Moeller & Trumbore 1997, both sides.
+bool segment_meets_triangle(const Vec3& a, const Vec3& run, const std::array<Vec3, 3>& t) {
+  const Vec3 ab = t[1] - t[0], ac = t[2] - t[0], across = cross(run, ac);
+  const double det = dot(ab, across);
+  if (det == 0) return false;
+  const Vec3 offset = a - t[0];
+  const double u = dot(offset, across) / det;
+  if (u < 0 || u > 1) return false;
+  const Vec3 turned = cross(offset, ab);
+  const double v = dot(run, turned) / det;
+  if (v < 0 || u + v > 1) return false;
+  const double s = dot(ac, turned) / det;
+  return s >= 0 && s <= 1;
+}
+
 }  // namespace
 
 Bvh::Bvh(TriangleMesh mesh) : mesh_(std::move(mesh)) {
@@ -207,6 +237,24 @@ ClosestPoint Bvh::closest(const Vec3& p, double limit2, std::int32_t guess) cons
       test(corners_[i], order_[i]);
   }
   return hit;
+}
+
+bool Bvh::crosses(const Vec3& a, const Vec3& b) const {
+  const Vec3 run = b - a;
+  std::array<std::int32_t, 64> stack;
+  int top = 0;
+  stack[top++] = 0;
+  while (top > 0) {
+    const Node& node = nodes_[stack[--top]];
+    if (!segment_meets_box(a, run, node.low, node.high)) continue;
+    if (node.count == 0) {
+      stack[top++] = node.first;
+      stack[top++] = node.first + 1;
+    }
+    for (std::int32_t i = node.first; i < node.first + node.count; ++i)
+      if (segment_meets_triangle(a, run, corners_[i])) return true;
+  }
+  return false;
 }
 
 Vec3 Bvh::pseudonormal(const ClosestPoint& hit) const {

@@ -30,6 +30,10 @@ class Bvh {
   ClosestPoint closest(const Vec3& p, double limit2 = std::numeric_limits<double>::infinity(),
                        std::int32_t guess = -1) const;
 
+  // Whether the segment from a to b meets a face, ends included. One that runs within the plane of a
+  // face does not meet it.
+  bool crosses(const Vec3& a, const Vec3& b) const;
+
   // Calls visit(face) for the faces whose box holds (x, y), whatever their z.
   template <class Visit>
   void visit_column(double x, double y, Visit visit) const;

@@ -211,7 +211,8 @@ std::unique_ptr<Simulator> Simulator::in_double() {
     device = make_native_device();
     options.kernels = KernelPath::kAuto;
   }
-  auto exact = std::make_unique<Simulator>(std::move(device), model_, options, conditions());
+  auto exact = std::make_unique<Simulator>(std::move(device), model_, options, conditions(),
+                                           sliding_given_);
   exact->set_dt(dt_);
   exact->take_state(*this);
   exact->starts_ = true;

@@ -23,7 +23,7 @@ std::vector<T> narrowed(const std::vector<double>& values) {
 
 Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
                      const SimulatorOptions& options, Conditions conditions,
-                     const SlidingNodes& sliding)
+                     SlidingNodes sliding)
     : device_(std::move(device)), model_(std::move(model)), options_(options) {
   rows_ = options_.kernels == KernelPath::kRows ||
           (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
@@ -78,8 +78,9 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
       std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,
                                         options_.precision, first_column, kBatch);
   device_bytes_ += conditions_->bytes();
-  if (!sliding.empty()) {
-    sliding_ = std::make_unique<Sliding>(sliding, model_, arrays_, *device_, *program_,
+  sliding_given_ = std::move(sliding);
+  if (!sliding_given_.empty()) {
+    sliding_ = std::make_unique<Sliding>(sliding_given_, model_, arrays_, *device_, *program_,
                                          options_.precision, rows_);
     device_bytes_ += sliding_->bytes();
     const Buffer* const u[2] = {u_[0].get(), u_[1].get()};

@@ -60,7 +60,7 @@ class Simulator {
  public:
   // Prescribed components must be fixed in `model`: their 1/mass is 0.
   Simulator(std::shared_ptr<Device> device, VoxelModel model, const SimulatorOptions& options,
-            Conditions conditions = {}, const SlidingNodes& sliding = {});
+            Conditions conditions = {}, SlidingNodes sliding = {});
   ~Simulator();
 
   // Advances n steps of dt().
@@ -178,6 +178,7 @@ class Simulator {
 
   std::unique_ptr<Program> program_;
   std::unique_ptr<NodalConditions> conditions_;
+  SlidingNodes sliding_given_;
   std::unique_ptr<Sliding> sliding_;  // where nodes slide
   // While one is going on: the masses, each block its own row set, and gravity as forces, since
   // its acceleration belongs to the true masses.

@@ -17,7 +17,27 @@ from tledface.surface import HEX_CORNERS
 if TYPE_CHECKING:
     from tledface.model import Model
 
-__all__ = ["HostMemory", "check_number", "checked_field", "core_model"]
+__all__ = ["HostMemory", "check_number", "checked_field", "core_model", "core_sliding"]
+
+
+def core_sliding(model: Model) -> _core.SlidingNodes | None:
+    """The sliding nodes of a model, their surfaces in the core's frame; None without any."""
+    sliding = model.sliding
+    if not len(sliding):
+        return None
+    core = _core.SlidingNodes()
+    origin = _frame_origin(model)
+    for surface in sliding.surfaces:
+        core.add_surface(surface.vertices - origin, surface.faces)
+    core.set_nodes(sliding.nodes, sliding.surface, sliding.distance)
+    return core
+
+
+def _frame_origin(model: Model) -> NDArray[np.float64]:
+    """Where the core's positions count from: bodies may lie metres from their origin."""
+    if model.is_conforming:
+        return np.asarray(0.5 * (model.nodes.min(axis=0) + model.nodes.max(axis=0)))
+    return model.origin
 
 
 # Corner 1 x + 2 y + 4 z of the core among the corners in VTK order.
@@ -71,10 +91,9 @@ def core_model(
         gravity=(gx, gy, gz),
     )
     if model.is_conforming:
-        # Relative to the middle: bodies may lie metres from their origin.
-        middle = 0.5 * (model.nodes.min(axis=0) + model.nodes.max(axis=0))
         core.set_hexahedra(
-            positions=model.nodes - middle, corners=model.elements[:, _CORNERS_BY_BITS]
+            positions=model.nodes - _frame_origin(model),
+            corners=model.elements[:, _CORNERS_BY_BITS],
         )
     for name, elements, rows in model.law_rows():
         core.add_law(name=name, elements=elements, rows=rows)

@@ -6,17 +6,21 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from tledface import _core
 from tledface._model_checks import Floats, Mask, floats, show
 from tledface.conditions import (
     BodyForce,
     Prescribed,
     Pressure,
     is_scalar_of_time,
+    prescribed_mask,
     prescribed_of,
 )
 from tledface.errors import InputError
+from tledface.sliding import NodeGroup, Sliding, SlidingSurface
 
 if TYPE_CHECKING:
     from tledface.model import Model, Where
@@ -25,9 +29,11 @@ WhereFaces = NDArray[np.bool_] | Callable[[Floats, Floats], NDArray[np.bool_]]
 
 
 class ConditionsMixin:
-    """Held and prescribed nodes, body forces, pressures of a model."""
+    """Held, prescribed and sliding nodes, body forces, pressures of a model."""
 
     fixed: Mask
+    sliding: Sliding
+    groups: list[NodeGroup]
     prescribed: list[Prescribed]
     body_forces: list[BodyForce]
     pressures: list[Pressure]
@@ -44,13 +50,15 @@ class ConditionsMixin:
 
     def _init_conditions(self) -> None:
         self.prescribed, self.body_forces, self.pressures = [], [], []
+        self.sliding, self.groups = Sliding(), []
 
     def fix(self, where: Where, components: str = "xyz") -> None:
         """Hold nodes at the displacement they start with; repeated calls add up.
 
         That is zero, or what `Simulator.set_state` gives.
 
-        A component that was prescribed is held from now on.
+        A component that was prescribed is held from now on; a node held or prescribed in all
+        three slides no longer.
 
         Args:
             where: (n_nodes,) bool, or a function of the nodes (n_nodes, 3) that returns it.
@@ -65,6 +73,7 @@ class ConditionsMixin:
         for component in map("xyz".index, set(components)):
             self._release(np.flatnonzero(mask), component)
             self.fixed[mask, component] = True
+        self._end_sliding()
 
     def prescribe(self, where: Where, components: dict[str, Any]) -> None:
         """Move components of nodes as given; components left out stay as they were.
@@ -94,6 +103,60 @@ class ConditionsMixin:
             self._release(record.nodes, record.component)
             self.fixed[mask, record.component] = False
             self.prescribed.append(record)
+        self._end_sliding()
+
+    def slide(
+        self, where: Where, surface: trimesh.Trimesh, name: str | None = None
+    ) -> NDArray[np.float64]:
+        """Let nodes slide on a surface at the distance that each has now.
+
+        Args:
+            where: (n_nodes,) bool, or a function of the nodes (n_nodes, 3) that returns it.
+            surface: Triangles in m and the model's frame, open or closed; equal vertices are
+                merged.
+            name: Name of the surface in `sliding`; None: "surface 1" and so on.
+
+        Returns:
+            (n,) m, the distances of the selected nodes in rising order, negative behind the
+            surface.
+
+        Raises:
+            InputError: ``where`` is no such mask or selects nothing, no such surface, or another
+                one has that name.
+
+        Components held or prescribed stay so (a symmetry plane that meets a bone), but a node of
+        which all three are is released from them: the last call holds. Nodes that slide elsewhere
+        change over. This version stores sliding nodes and does not simulate them: `Simulator`
+        leaves them free, with a warning.
+
+        Example: ``model.slide(lambda X: X[:, 2] < 1e-6, trimesh.load("bone.stl"))``
+        """
+        mask = self._select(where, self.nodes, "slide: where", "node")
+        if name is None:
+            taken = {known.name for known in self.sliding.surfaces}
+            number = len(taken) + 1
+            while (name := f"surface {number}") in taken:
+                number += 1
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(f"slide: name must be a non-empty text, got {name!r}")
+        ground = SlidingSurface.of(name, surface)
+        nodes = np.flatnonzero(mask)
+        found = _core.nearest_surfaces([(ground.vertices, ground.faces)], self.nodes[nodes], 0.0)
+        self._slide(nodes, found["distance"], ground)
+        return found["distance"]
+
+    def _slide(self, nodes: NDArray[np.int64], distance: Floats, ground: SlidingSurface) -> None:
+        self.sliding = self.sliding.having(nodes, distance, ground)
+        held = self.fixed | prescribed_mask(cast("Model", self))
+        rigid = nodes[held[nodes].all(axis=1)]
+        for component in range(3):
+            self._release(rigid, component)
+        self.fixed[rigid] = False
+
+    def _end_sliding(self) -> None:
+        if len(self.sliding):
+            held = self.fixed | prescribed_mask(cast("Model", self))
+            self.sliding = self.sliding.without(np.flatnonzero(held.all(axis=1)))
 
     def body_force(self, where: Where, force: ArrayLike | Callable[[float], ArrayLike]) -> None:
         """Add a force in the volume of some elements; repeated calls add up.

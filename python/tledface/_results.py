@@ -13,6 +13,7 @@ from tledface import device as device_module
 from tledface._core_model import HostMemory
 from tledface.conditions import prescribed_mask
 from tledface.errors import InputError
+from tledface.sliding import tangential
 
 if TYPE_CHECKING:
     import trimesh
@@ -56,17 +57,22 @@ class Results:
                 Components of them that are neither fixed nor prescribed add nothing.
 
         The forces of elements, loads and gravity on the nodes, with the sign turned; the inertia
-        of prescribed nodes that move is left out.
+        of prescribed nodes that move is left out. Of sliding nodes what their surfaces take, along
+        the normals of the last step.
 
         Raises:
             InputError: ``where`` selects no node, or none that is held.
         """
         mask = self.model._select(where, self.model.nodes, "reaction: where", "node")
         held = (self.model.fixed | prescribed_mask(self.model)) & mask[:, None]
-        if not held.any():
-            raise InputError("reaction: none of the selected nodes is fixed or prescribed")
+        sliding = self.model.sliding.nodes
+        slides = mask[sliding]
+        if not (held.any() or slides.any()):
+            raise InputError("reaction: none of the selected nodes is fixed, prescribed or slides")
         force = self.internal_force() - self.external_force()
-        return np.asarray(np.where(held, force, 0.0).sum(axis=0))
+        on_surfaces = force - tangential(force, sliding, np.asarray(self._core.sliding_normals()))
+        taken = np.where(held, force, on_surfaces)
+        return np.asarray(taken[mask].sum(axis=0))
 
     def array(self, name: str) -> Any:
         """Share the device's own array: ``"u"``, (n_blocks + 1, 3, lanes), in solver order.

@@ -114,7 +114,7 @@ def measure(
         "cells": [] if model.is_conforming else (model.cells.max(axis=0) + 1).tolist(),
         "elements": model.n_elements,
         "muscle_elements": sum(len(m.elements) for m in model.muscles),
-        "sliding_nodes": 0,
+        "sliding_nodes": len(model.sliding),
         "precision": precision,
         "hourglass": hourglass,
         "kernels": _kernels(model, core),

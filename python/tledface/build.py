@@ -10,27 +10,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tledface.boundary import Bone, bind_boundary, bone_names, grid_planes
 from tledface.errors import InputError
 from tledface.geometry import (
     SurfaceFile,
     VoxelSet,
     long_axes,
+    outer_faces,
+    read_polygons,
     read_surface,
     section_ratio,
     voxelise,
 )
 from tledface.model import Model
 from tledface.scene import MuscleSpec, Scene
-from tledface.surface import BoundSurface, bind
+from tledface.surface import BoundSurface
 
 __all__ = ["BuildWarning", "build_model"]
 
 Floats = NDArray[np.float64]
 
-# Skin vertices farther than this from any voxel (in voxels) are left out of the bound surface.
+# Where only a region of the skin has tissue, vertices of a bound surface farther than this from any
+# voxel (in voxels) stay at rest.
 _BIND_REACH = 3.0
-# Nodes this near a box's side (in voxels) count as within it.
-_BOX_MARGIN = 1e-6
 
 
 class BuildWarning(UserWarning):
@@ -44,15 +46,16 @@ def build_model(scene: Scene) -> Model:
         scene: A checked scene.
 
     Returns:
-        The model, with the skin bound to it as surface "skin". ``model.report`` says what was
-        done: counts, repairs of the surfaces, voxels removed, seconds, warnings.
+        The model, with the skin bound to it as surface "skin" and those of ``[[surfaces]]``, and
+        with its ``[boundary]``. ``model.report`` says what was done: counts, repairs of the
+        surfaces, voxels removed, seconds, warnings.
 
     Raises:
         InputError: a surface that cannot be used, too many voxels for the memory, no tissue, a
-            muscle that no voxel holds.
+            muscle that no voxel holds, a boundary entry that names no bone.
 
-    Where volumes overlap, bone comes before muscle before skin layers. A fixed box without nodes
-    gives a ``BuildWarning``.
+    Where volumes overlap, bone comes before muscle before skin layers. A boundary entry without
+    nodes gives a ``BuildWarning``.
     """
     start = time.perf_counter()
     geometry = scene.geometry
@@ -75,30 +78,45 @@ def build_model(scene: Scene) -> Model:
         region=geometry.region,
         outer=geometry.outer,
         fill=geometry.fill,
+        align=grid_planes(scene),
     )
     sampled = time.perf_counter()
     model = _assemble(scene, voxels, [len(surfaces) for surfaces in muscles])
     _add_muscles(model, scene, voxels, muscles)
-    problems = _fix_boxes(model, scene)
     model.gravity = np.asarray(scene.solver.gravity)
-    model.surfaces["skin"], left_out = _bind_skin(model, skin)
+    outer = skin.solid.faces[outer_faces(skin.solid, geometry.outer)]
+    boundary, problems = bind_boundary(
+        model,
+        scene,
+        [
+            Bone(name, bone.solid.vertices, bone.solid.faces)
+            for name, bone in zip(bone_names(geometry.bones), bones, strict=True)
+        ],
+        (skin.solid.vertices, outer),
+    )
+    assembled = time.perf_counter()
+    _bind_surfaces(model, scene)
     report: dict[str, Any] = {
         "elements": model.n_elements,
         "nodes": model.n_nodes,
         "fixed_nodes": int(model.fixed.any(axis=1).sum()),
+        "boundary": boundary,
         "partly_filled": int(np.count_nonzero(voxels.fill < 1.0 - 1e-9)),
         "muscle_elements": {muscle.name: len(muscle.elements) for muscle in model.muscles},
         "dropped_components": voxels.report["unconnected"],
         "dropped_loose_voxels": voxels.report["loose"],
         "memory_estimate": voxels.report["memory_estimate"],
-        "skin_vertices": len(model.surfaces["skin"].vertices),
-        "skin_vertices_left_out": left_out,
+        "bound_vertices": {
+            name: [int(np.count_nonzero(bound.bound)), len(bound.vertices)]
+            for name, bound in model.surfaces.items()
+        },
         "surfaces": {str(file.path): file.solid.report for file in (skin, *bones, *parts)},
         "warnings": problems,
         "seconds": {
             "read": read - start,
             "voxelise": sampled - read,
-            "assemble": time.perf_counter() - sampled,
+            "assemble": assembled - sampled,
+            "bind": time.perf_counter() - assembled,
         },
     }
     model.report = report
@@ -182,42 +200,30 @@ def _missed_muscle(spec: MuscleSpec, surfaces: list[SurfaceFile], model: Model) 
     )
 
 
-def _fix_boxes(model: Model, scene: Scene) -> list[str]:
-    problems = []
-    margin = _BOX_MARGIN * model.voxel
-    for number, spec in enumerate(scene.boundary.fixed):
-        low, high = (np.asarray(corner) for corner in spec.box)
-        within = (model.nodes >= low - margin) & (model.nodes <= high + margin)
-        where = np.asarray(within.all(axis=1))
-        if where.any():
-            model.fix(where, spec.components)
-            continue
-        span = np.stack([model.nodes.min(axis=0), model.nodes.max(axis=0)])
-        problems.append(
-            f"boundary.fixed[{number}]: no node lies in the box "
-            f"{_show_box(np.stack([low, high]))}; the nodes span {_show_box(span)}"
+def _bind_surfaces(model: Model, scene: Scene) -> None:
+    """Bind the skin and the scene's other surfaces, vertex for vertex as their files have them."""
+    geometry, near = scene.geometry, _BIND_REACH * float(model.voxel.max())
+    # Without a region, far vertices are parts too thin for the voxels, which go with the body.
+    reach = None if geometry.region is None else near
+    vertices, polygons = read_polygons(geometry.skin, unit_scale=geometry.unit_scale)
+    model.surfaces["skin"] = BoundSurface.on(model, vertices, polygons, reach=reach)
+    for spec in scene.surfaces:
+        vertices, polygons = read_polygons(spec.file, unit_scale=spec.unit_scale)
+        bound = BoundSurface.on(
+            model,
+            vertices,
+            polygons,
+            reach=reach if spec.reach is None else spec.reach,
+            fade=spec.fade,
         )
-    return problems
-
-
-def _bind_skin(model: Model, skin: SurfaceFile) -> tuple[BoundSurface, int]:
-    """Bind the skin's vertices near voxels; returns the surface and how many were left out."""
-    vertices, faces = skin.vertices, skin.faces.astype(np.int64)
-    used = np.zeros(len(vertices), dtype=bool)
-    used[faces] = True
-    reach = _BIND_REACH * model.voxel.max()
-    low, high = model.nodes.min(axis=0) - reach, model.nodes.max(axis=0) + reach
-    candidates = np.flatnonzero(used & ((vertices >= low) & (vertices <= high)).all(axis=1))
-    near = np.zeros(len(vertices), dtype=bool)
-    if len(candidates):
-        _, _, distance = bind(vertices[candidates], model)
-        near[candidates] = distance <= reach
-    kept_faces = faces[near[faces].all(axis=1)]
-    kept = np.zeros(len(vertices), dtype=bool)
-    kept[kept_faces] = True
-    number = np.cumsum(kept) - 1
-    surface = BoundSurface.on(model, vertices[kept], number[kept_faces])
-    return surface, int(np.count_nonzero(used & ~kept))
+        if bound.distance(model.voxel).min() > max(near, spec.reach or 0.0):
+            raise InputError(
+                f"surface {spec.name!r}: no vertex of {spec.file} lies near the tissue; it spans "
+                f"{_show_box(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))}, the voxels "
+                f"{_show_box(np.stack([model.nodes.min(axis=0), model.nodes.max(axis=0)]))}; bring "
+                "it into the scene's frame, give its units, or a larger reach"
+            )
+        model.surfaces[spec.name] = bound
 
 
 def _show_box(box: Floats) -> str:

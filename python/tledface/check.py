@@ -1,4 +1,7 @@
-"""What a scene costs before it is run: voxels, memory, time step and an estimate of the time."""
+"""What a scene or a model holds and costs before it is run.
+
+Voxels, nodes and what binds them, memory, time step, an estimate of the time.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,15 @@ import time
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tledface import device as device_module
+from tledface.boundary import boundary_text
 from tledface.progress import spinner
 from tledface.run import simulator_of
 
 if TYPE_CHECKING:
+    from tledface.model import Model
     from tledface.scene import Scene
     from tledface.simulator import Simulator
 
@@ -25,8 +32,9 @@ _BATCH = 50
 class Check:
     """Counts, sizes (bytes), times (s) of a scene on a device.
 
-    ``tissues`` and ``muscles`` count the voxels that hold some of each, ``memory_bytes`` is the
-    peak of the process while building and simulating.
+    ``tissues`` and ``muscles`` count the voxels that hold some of each, ``boundary`` is the report
+    on what binds nodes, ``surfaces`` counts the vertices of each that move with the tissue, and
+    all; ``memory_bytes`` is the peak of the process while building and simulating.
     """
 
     scene: str
@@ -35,6 +43,9 @@ class Check:
     tissues: dict[str, int]
     muscles: dict[str, int]
     fixed_nodes: int
+    sliding_nodes: int
+    boundary: dict[str, Any]
+    surfaces: dict[str, list[int]]
     dropped_voxels: int
     memory_bytes: int | None
     dt_s: float
@@ -52,14 +63,20 @@ class Check:
         """A few lines for a person."""
         tissues = ", ".join(f"{name} {count:,}" for name, count in self.tissues.items())
         muscles = ", ".join(f"{name} {count:,}" for name, count in self.muscles.items())
+        surfaces = ", ".join(
+            f"{name} {moving:,} of {count:,}" for name, (moving, count) in self.surfaces.items()
+        )
         memory = "unknown" if self.memory_bytes is None else f"{self.memory_bytes / 2**20:.0f} MiB"
         return "\n".join(
             [
                 f"scene      {self.scene}: valid",
                 f"voxels     {self.elements:,}; {self.dropped_voxels:,} loose ones left out",
-                f"nodes      {self.nodes:,}, {self.fixed_nodes:,} of them held",
+                f"nodes      {self.nodes:,}, {self.fixed_nodes:,} of them held"
+                + (f", {self.sliding_nodes:,} sliding" if self.sliding_nodes else ""),
+                *(f"           {line}" for line in self._bound_lines()),
                 f"tissues    {tissues} (voxels that hold some)",
                 f"muscles    {muscles or 'none'}",
+                f"surfaces   {surfaces} (vertices that move with the tissue)",
                 f"memory     {memory} at most while building and simulating",
                 f"time step  {self.dt_s * 1e6:.3g} us; the bound is {self.dt_crit_s * 1e6:.3g} us, "
                 f"set by {self.dt_tissue}",
@@ -68,15 +85,22 @@ class Check:
             ]
         )
 
+    def _bound_lines(self) -> list[str]:
+        return boundary_text(self.boundary) if self.boundary else []
 
-def check_scene(scene: Scene, *, device: Any = "auto", quiet: bool = False) -> Check:
+
+def check_scene(
+    scene: Scene, *, device: Any = "auto", quiet: bool = False, model: Model | None = None
+) -> Check:
     """Build a scene, time a few steps on the device, and count.
 
-    Raises InputError as building and simulating do; writes nothing.
+    ``model`` is the scene's model where it is built already. Raises InputError as building and
+    simulating do; writes nothing.
     """
     opened = device_module.resolve(device)
-    with spinner("building the model", quiet=quiet):
-        model = scene.build()
+    if model is None:
+        with spinner("building the model", quiet=quiet):
+            model = scene.build()
     with spinner("timing some steps", quiet=quiet):
         sim = simulator_of(scene, model, opened)
         dt, dt_crit = sim.dt, sim.dt_crit
@@ -91,7 +115,14 @@ def check_scene(scene: Scene, *, device: Any = "auto", quiet: bool = False) -> C
         tissues={name: int(n) for name, n in zip(model.tissues, holding, strict=True)},
         muscles={muscle.name: len(muscle.elements) for muscle in model.muscles},
         fixed_nodes=int(model.fixed.any(axis=1).sum()),
-        dropped_voxels=sum(report["dropped_components"]) + report["dropped_loose_voxels"],
+        sliding_nodes=len(model.sliding),
+        boundary=report.get("boundary", {}),
+        surfaces={
+            name: [int(np.count_nonzero(bound.bound)), len(bound.vertices)]
+            for name, bound in model.surfaces.items()
+        },
+        dropped_voxels=sum(report.get("dropped_components", []))
+        + report.get("dropped_loose_voxels", 0),
         memory_bytes=_peak_memory(),
         dt_s=dt,
         dt_crit_s=dt_crit,

@@ -25,6 +25,7 @@ from tledface import device as device_module
 from tledface._core_model import core_model
 from tledface.conditions import Values, prescribed_mask
 from tledface.errors import InputError
+from tledface.sliding import tangential
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -73,6 +74,7 @@ class EnergyLedger:
         past: The model has laws with a past: their forces come from ``core``, which knows it.
         damping: 1/s.
         held: (n_nodes, 3), fixed or prescribed components.
+        sliding: (n,) nodes that slide: their surfaces do no work.
         name_of: Name of an element's tissue or muscle.
         volume: (n_elem,) m3.
     """
@@ -86,12 +88,13 @@ class EnergyLedger:
         past: bool,
         damping: float,
         held: NDArray[np.bool_],
+        sliding: NDArray[np.int64],
         name_of: Callable[[int], str],
         volume: Floats,
     ) -> None:
         """See the class."""
         self._core, self._host, self._passive, self._past = core, host, passive, past
-        self._damping, self._held = damping, held
+        self._damping, self._held, self._sliding = damping, held, sliding
         self._name_of, self._volume = name_of, volume
         self._mass = np.asarray(core.node_masses())[:, None]
         self.restart()
@@ -200,7 +203,8 @@ class EnergyLedger:
             internal = np.asarray(core.internal_force(now.activations))
         loads = np.asarray(core.external_force(now.channels))
         before = np.asarray(core.velocity())
-        acceleration = (loads - internal) / self._mass
+        normals = np.asarray(core.sliding_normals())
+        acceleration = tangential(loads - internal, self._sliding, normals) / self._mass
         half = self._damping * dt / 2
         if core.starts:
             # `before` is the velocity of this moment: half a step to either side of it.
@@ -292,6 +296,7 @@ def ledger_of(
         past=bool(model.law_rows()),
         damping=options["damping"],
         held=model.fixed | prescribed_mask(model),
+        sliding=model.sliding.nodes,
         name_of=name_of,
         volume=model.volumes,
     )

@@ -52,6 +52,8 @@ class Folds:
             "count": self.count,
             "wavelength_m": self.wavelength if math.isfinite(self.wavelength) else None,
             "amplitude_m": self.amplitude,
+            "line_m": [end.tolist() for end in self.line],
+            "up": self.up.tolist(),
         }
 
     def text(self) -> str:
@@ -82,8 +84,9 @@ def measure_folds(
         return None
     muscle = max(pulling, key=lambda m: strengths[m.name] * float(m.weight.sum()))
     bound = model.surfaces[surface]
+    faces = bound.bound_faces
     centres = model.centres[muscle.elements]
-    up = _outward(bound.vertices, bound.faces, centres, outer)
+    up = _outward(bound.vertices, faces, centres, outer)
     along = _mean_fibre(muscle)
     along -= (along @ up) * up
     if not np.linalg.norm(along) > 1e-6:
@@ -98,7 +101,7 @@ def measure_folds(
     for offset in np.quantile(now @ across, np.linspace(0.2, 0.8, _LINES)):
         foot = offset * across + height * up
         ends = (foot + start * along, foot + end * along)
-        line = _measure(moved, bound.faces, ends, up)
+        line = _measure(moved, faces, ends, up)
         found.append(Folds(muscle.name, line.count, line.wavelength, line.amplitude, ends, up))
     counts = sorted(folds.count for folds in found)
     median = counts[len(counts) // 2]

@@ -62,7 +62,9 @@ class Model(ConditionsMixin, DirectionsMixin):
         fixed: (n_nodes, 3) bool, held components: they keep the displacement they start with.
         muscles: the muscles, in the order they were added.
         prescribed, body_forces, pressures: what `prescribe`, `body_force`, `pressure` gave.
-        report: what the build of a scene found and left out; empty for other models, not saved.
+        sliding: nodes that slide on surfaces, see `slide`.
+        groups: which nodes the entries of a scene's ``[boundary]`` bind, and why.
+        report: what the build of a scene found and left out; empty for other models.
     """
 
     # Elements are hexahedra of any shape (tledface.conforming) instead of voxels.

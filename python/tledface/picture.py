@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
 from tledface.metrics import detail, line_profile, wrinkles
-from tledface.raster import Raster, rasterise, view_axes
+from tledface.raster import Raster, box_mean, rasterise, view_axes
 
-__all__ = ["render_surface", "wrinkle_picture"]
+__all__ = ["render_surface", "round_length", "wrinkle_picture"]
 
 Floats = NDArray[np.float64]
 View = str | ArrayLike
@@ -284,25 +284,11 @@ def _openness(height: Floats, camera: _Camera, factor: int) -> Floats:
     level[~covered] = 0.0
     result = np.ones_like(level)
     for reach in (5, 13, 34):
-        weight = _box_mean(_box_mean(covered.astype(np.float64), reach), reach)
-        mean = _box_mean(_box_mean(level, reach), reach) / np.maximum(weight, 1e-9)
+        weight = box_mean(box_mean(covered.astype(np.float64), reach), reach)
+        mean = box_mean(box_mean(level, reach), reach) / np.maximum(weight, 1e-9)
         sunk = np.where(covered, np.clip(mean - level, 0.0, None), 0.0) / reach
         result *= 1.0 / (1.0 + 1.5 * np.minimum(sunk, 1.2))
     return np.repeat(np.repeat(result, factor, axis=0), factor, axis=1)
-
-
-def _box_mean(image: Floats, reach: int) -> Floats:
-    for axis in (0, 1):
-        n = image.shape[axis]
-        total = np.concatenate(
-            [np.zeros_like(image.take([0], axis=axis)), np.cumsum(image, axis=axis)], axis=axis
-        )
-        low = np.maximum(np.arange(n) - reach, 0)
-        high = np.minimum(np.arange(n) + reach + 1, n)
-        shape = [1, 1]
-        shape[axis] = n
-        image = (total.take(high, axis=axis) - total.take(low, axis=axis)) / (2 * reach + 1)
-    return image
 
 
 def _cast_shadow(height: Floats, light: Floats, factor: int) -> Floats:
@@ -325,7 +311,7 @@ def _cast_shadow(height: Floats, light: Floats, factor: int) -> Floats:
         target = shade[to_rows, to_columns]
         np.maximum(target, over / (factor * (1.0 + 0.25 * step)), out=target)
     soft = np.clip(shade, 0.0, 1.0).astype(np.float64)
-    return np.repeat(np.repeat(_box_mean(soft, 1), factor, axis=0), factor, axis=1)
+    return np.repeat(np.repeat(box_mean(soft, 1), factor, axis=0), factor, axis=1)
 
 
 def _line_across_folds(
@@ -375,7 +361,7 @@ def _mark_line(
 
 def _scale_bar(axes: Axes, camera: _Camera) -> None:
     width = camera.shape[1] / camera.scale
-    length = _round_length(0.2 * width)
+    length = round_length(0.2 * width)
     axes.plot([8, 8 + length * camera.scale], [0, 0], color=_INK, linewidth=2.5, clip_on=False)
     axes.text(
         14 + length * camera.scale, 0, f"{1e3 * length:g} mm", color=_INK, fontsize=12, va="center"
@@ -384,7 +370,7 @@ def _scale_bar(axes: Axes, camera: _Camera) -> None:
     axes.set_ylim(-0.5, camera.shape[0] - 0.5)
 
 
-def _round_length(length: float) -> float:
+def round_length(length: float) -> float:
     """The greatest 1, 2 or 5 times a power of ten that is not above ``length``."""
     power = 10.0 ** np.floor(np.log10(length))
     return float(max(step for step in (1, 2, 5) if step * power <= length * (1 + 1e-9)) * power)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface.errors import InputError
 
-__all__ = ["Raster", "rasterise", "view_axes"]
+__all__ = ["Raster", "box_mean", "rasterise", "view_axes"]
 
 # Bounds the memory to about 0.2 GB.
 _PIXELS_AT_ONCE = 2_000_000
@@ -109,6 +109,22 @@ def rasterise(
     return Raster(
         height.reshape(shape), triangle.reshape(shape), barycentric.reshape(rows, columns, 3)
     )
+
+
+def box_mean(image: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
+    """Mean over the square of ``2 reach + 1`` pixels around each, cut off at the image's edge.
+
+    The divisor is that of a whole square: what lies outside counts as 0.
+    """
+    for axis in (0, 1):
+        n = image.shape[axis]
+        total = np.concatenate(
+            [np.zeros_like(image.take([0], axis=axis)), np.cumsum(image, axis=axis)], axis=axis
+        )
+        low = np.maximum(np.arange(n) - reach, 0)
+        high = np.minimum(np.arange(n) + reach + 1, n)
+        image = (total.take(high, axis=axis) - total.take(low, axis=axis)) / (2 * reach + 1)
+    return image
 
 
 def _expand(

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tledface import _core
 from tledface.conditions import Values
 from tledface.errors import SimulationError
+from tledface.sliding import tangential
 
 __all__ = ["Equilibrium", "relax"]
 
@@ -82,11 +83,15 @@ class _Balance:
         target: Values,
         free: NDArray[np.bool_],
         moved: NDArray[np.bool_],
+        sliding: NDArray[np.int64],
     ) -> None:
         self.u = np.asarray(core.displacement())
         internal = np.asarray(core.internal_force(target.activations))
         external = np.asarray(core.external_force(target.channels))
-        self.imbalance = np.where(free, external - internal, 0.0)
+        # What surfaces take from sliding nodes is in balance.
+        self.imbalance = tangential(
+            np.where(free, external - internal, 0.0), sliding, np.asarray(core.sliding_normals())
+        )
         norms = [_norm(external[free]), _norm((internal - external)[moved])]
         if target.activations.any():
             passive = core.internal_force(np.zeros_like(target.activations))
@@ -102,6 +107,7 @@ def relax(
     core: _core.Simulator,
     held: NDArray[np.bool_],
     prescribed: NDArray[np.bool_],
+    sliding: NDArray[np.int64],
     edge: float,
     start: Values,
     target: Values,
@@ -114,6 +120,7 @@ def relax(
         core: The simulator.
         held: (n_nodes, 3), components that are fixed or prescribed.
         prescribed: (n_nodes, 3), those that are prescribed.
+        sliding: (n,) nodes that slide.
         edge: Smallest edge of a voxel, m.
         start: What the state answers to so far; conditions go from there to ``target``.
         target: Activations, channels and fields of the equilibrium.
@@ -151,7 +158,7 @@ def relax(
                 keys,
             )
             steps += n
-            now = _Balance(work, target, free, prescribed)
+            now = _Balance(work, target, free, prescribed, sliding)
             if not np.isfinite(now.u).all():
                 raise SimulationError(
                     f"relax: the state is no longer finite after {steps} pseudo-steps; apply the "
@@ -199,7 +206,7 @@ def relax(
     ended, kept = "single" if work.single else "double", residual
     if work is not core:
         core.take_state(work)
-        kept = _Balance(core, target, free, prescribed).residual(reference)
+        kept = _Balance(core, target, free, prescribed, sliding).residual(reference)
     return Equilibrium(converged, residual, error, steps, reference, ended, kept)
 
 

@@ -58,7 +58,8 @@ def run_scene(
     """Simulate a scene and write its results into ``out_dir``.
 
     The folder gets ``frames.vtkhdf`` (the voxels over time), ``frames_surface.vtkhdf`` (the skin
-    over time), ``skin.ply`` (the skin at the end, m), ``wrinkles.png`` and ``run.json``. Nothing
+    over time), ``skin.ply`` (the skin at the end, m), an OBJ file for each of ``[[surfaces]]``,
+    ``wrinkles.png`` and ``run.json``. Nothing
     is written before model and simulator stand. A run that fails midway keeps its frames, and its
     checkpoints (``[output] checkpoint_every``) for `resume_run`.
 
@@ -326,11 +327,18 @@ def _shown_surface(model: Model) -> str:
     return "skin" if "skin" in model.surfaces else next(iter(model.surfaces))
 
 
+def _shown_beside(model: Model, surface: str) -> list[tuple[str, str]]:
+    """Name and role of each surface besides the one shown."""
+    return [(name, f"surface {name}") for name in model.surfaces if name != surface]
+
+
 def _files(folder: Path, model: Model) -> dict[str, Path]:
+    shown = _shown_surface(model)
     return {
         "frames": folder / "frames.vtkhdf",
         "surface frames": folder / "frames_surface.vtkhdf",
-        "surface": folder / f"{_shown_surface(model)}.ply",
+        "surface": folder / f"{shown}.ply",
+        **{role: folder / f"{name}.obj" for name, role in _shown_beside(model, shown)},
         "picture": folder / "wrinkles.png",
     }
 
@@ -348,7 +356,10 @@ def _write_results(
     bound = model.surfaces[surface]
     moved = bound.displaced(u)
     files = _files(folder, model)
-    write_surface(files["surface"], moved, bound.faces)
+    write_surface(files["surface"], moved, bound.polygons)
+    for name, role in _shown_beside(model, surface):
+        other = model.surfaces[name]
+        write_surface(files[role], other.displaced(u), other.polygons)
     view: dict[str, Any] = {}
     if folds is not None:
         view = {"profile": folds.line}
@@ -358,7 +369,7 @@ def _write_results(
             view |= {"view": folds.up, "up": (0.0, 0.0, 1.0) if level else (0.0, 1.0, 0.0)}
         else:
             view |= {"view": "oblique", "up": folds.up}
-    wrinkle_picture(files["picture"], bound.vertices, moved, bound.faces, **view)
+    wrinkle_picture(files["picture"], bound.vertices, moved, bound.bound_faces, **view)
     return files
 
 

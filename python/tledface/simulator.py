@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface import device as device_module
-from tledface._core_model import check_number, checked_field, core_model
+from tledface._core_model import check_number, checked_field, core_model, core_sliding
 from tledface._results import Results
 from tledface._serial import serial
 from tledface.conditions import Sampler, Values, prescribed_mask
@@ -72,6 +72,8 @@ class Simulator(Results):
 
     Raises:
         InputError: a value out of range, a ``dt`` above the bound, no such device.
+
+    Sliding nodes are free in this version: a model that has some gives a `SlidingWarning`.
     """
 
     def __init__(
@@ -130,6 +132,7 @@ class Simulator(Results):
                 damping=damping,
                 kernels=kernels,
                 conditions=self._conditions.core,
+                sliding=core_sliding(model),
             )
             self._core = serial(core)
             factor = None if isinstance(scaling, dict) else scaling or 1.0
@@ -271,6 +274,7 @@ class Simulator(Results):
             self._core,
             held=self.model.fixed | prescribed,
             prescribed=prescribed,
+            sliding=self.model.sliding.nodes,
             edge=self.model.shortest_edge,
             start=start,
             target=target,

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tledface import _core
 from tledface.errors import InputError
+from tledface.polygons import Polygons
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -32,18 +34,20 @@ _FACE_STEPS = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1]
 # A vertex further outside its element than this (in voxels) moves as the point at this distance:
 # trilinear extrapolation grows with the cube of the distance.
 _EXTRAPOLATION_LIMIT = 1.0
-_BIND_CHUNK = 4096
 
 
 class BoundSurface:
-    """A triangle surface that follows the displacement of a voxel model.
+    """A surface that follows the displacement of a voxel model, vertex for vertex.
 
     Attributes:
         vertices: (nv, 3) float64, m, rest positions in the model's frame.
-        faces: (nf, 3) int32, counter-clockwise seen from outside.
+        faces: (nf, 3) int32, counter-clockwise seen from outside: ``polygons`` as triangles.
         element: (nv,) int32, index of the element that carries each vertex.
         local: (nv, 3) float64, trilinear coordinates in that element, 0 to 1 inside.
         corner_nodes: (nv, 8) int32, the nodes of that element.
+        follow: (nv,) float64, the share of the displacement that each vertex takes: 1, and less
+            to 0 (it stays at rest) beyond ``reach``; or None, all take it.
+        polygons: The faces as the surface's file has them.
     """
 
     def __init__(
@@ -53,6 +57,9 @@ class BoundSurface:
         element: ArrayLike,
         local: ArrayLike,
         corner_nodes: ArrayLike,
+        *,
+        follow: ArrayLike | None = None,
+        polygons: Polygons | None = None,
     ) -> None:
         """Hold a known binding; `BoundSurface.on` finds one."""
         self.vertices: NDArray[np.float64] = np.ascontiguousarray(vertices, dtype=np.float64)
@@ -60,22 +67,44 @@ class BoundSurface:
         self.element: NDArray[np.int32] = np.ascontiguousarray(element, dtype=np.int32)
         self.local: NDArray[np.float64] = np.ascontiguousarray(local, dtype=np.float64)
         self.corner_nodes: NDArray[np.int32] = np.ascontiguousarray(corner_nodes, dtype=np.int32)
+        self.follow: NDArray[np.float64] | None = (
+            None if follow is None else np.ascontiguousarray(follow, dtype=np.float64)
+        )
+        self.polygons: Polygons = (
+            Polygons.of_triangles(self.faces) if polygons is None else polygons
+        )
         self._weights = _trilinear_weights(self.local)
 
     @classmethod
-    def on(cls, model: Model, vertices: ArrayLike, faces: ArrayLike) -> BoundSurface:
-        """Bind a surface to the nearest elements of a model.
+    def on(
+        cls,
+        model: Model,
+        vertices: ArrayLike,
+        faces: ArrayLike | Polygons,
+        *,
+        reach: float | None = None,
+        fade: float = 0.0,
+    ) -> BoundSurface:
+        """Bind a surface to the nearest elements of a model; all vertices keep their order.
 
         Args:
             model: The model that will carry the surface.
             vertices: (nv, 3) float, m, in the model's frame.
-            faces: (nf, 3) int.
+            faces: (nf, 3) int, or polygons.
+            reach: Vertices farther than this (m) from any voxel stay at rest; None: none do.
+            fade: Over this length (m) beyond ``reach`` the displacement fades out instead.
 
         Raises:
             InputError: wrong shapes, a coordinate that is not finite, a face without its vertex.
+
+        Example: ``model.surfaces["mask"] = BoundSurface.on(model, mesh.vertices, mesh.faces)``.
         """
         points = _checked_points(vertices)
-        triangles = np.asarray(faces)
+        if isinstance(faces, Polygons):
+            faces.check(len(points), "surface faces")
+            polygons, triangles = faces, np.asarray(faces.triangles())
+        else:
+            polygons, triangles = None, np.asarray(faces)
         if triangles.ndim != 2 or triangles.shape[1:] != (3,) or triangles.dtype.kind not in "iu":
             raise InputError(
                 f"surface faces: got shape {triangles.shape} of {triangles.dtype}, need (n, 3) "
@@ -86,8 +115,32 @@ class BoundSurface:
                 f"surface faces: vertex index {triangles.min()} to {triangles.max()} found, "
                 f"allowed 0 to {len(points) - 1}"
             )
-        element, local, _ = bind(points, model)
-        return cls(points, triangles, element, local, model.elements[element])
+        element, local, distance = bind(points, model)
+        follow = None if reach is None else _follow(distance, reach, fade)
+        if follow is not None and (follow == 1.0).all():
+            follow = None
+        corners = model.elements[element]
+        return cls(points, triangles, element, local, corners, follow=follow, polygons=polygons)
+
+    @property
+    def bound(self) -> NDArray[np.bool_]:
+        """(nv,) whether a vertex moves with the voxels at all."""
+        if self.follow is None:
+            return np.ones(len(self.vertices), dtype=bool)
+        return self.follow > 0.0
+
+    def distance(self, voxel: ArrayLike) -> NDArray[np.float64]:
+        """How far each vertex lies from its element at rest, (nv,) m, 0 inside; voxel (3,) m."""
+        outside = np.maximum(np.maximum(-self.local, self.local - 1.0), 0.0) * np.asarray(voxel)
+        squared: NDArray[np.float64] = np.einsum("ij,ij->i", outside, outside)
+        return np.sqrt(squared)
+
+    @property
+    def bound_faces(self) -> NDArray[np.int32]:
+        """Those of ``faces`` whose vertices all move with the voxels."""
+        if self.follow is None:
+            return self.faces
+        return np.ascontiguousarray(self.faces[self.bound[self.faces].all(axis=1)])
 
     def interpolate(self, field: ArrayLike) -> NDArray[np.float64]:
         """Interpolate a nodal vector field, (n_nodes, 3), to the vertices, (nv, 3)."""
@@ -114,7 +167,11 @@ class BoundSurface:
         Returns:
             (nv, 3) m; exactly the rest positions where ``u`` is zero.
         """
-        return self.vertices + self.interpolate(u)
+        moved = self.interpolate(u)
+        if self.follow is not None:
+            moved *= self.follow[:, None]
+        moved += self.vertices
+        return moved
 
 
 def bind(
@@ -142,16 +199,9 @@ def bind(
             "bind: surfaces can be bound to voxel models only; a conforming mesh carries its own "
             "boundary, surfaces['surface']"
         )
-    origin, voxel = model.origin, model.voxel
-    levels, order = _octree(model.cells)
-    element = np.empty(len(points), dtype=np.int32)
-    distance = np.empty(len(points))
-    grid = (points - origin) / voxel
-    for start in range(0, len(points), _BIND_CHUNK):
-        part = slice(start, start + _BIND_CHUNK)
-        element[part], distance[part] = _nearest_cells(grid[part], levels, order, voxel)
-    local = grid - model.cells[element]
-    return element, local, distance
+    grid = (points - model.origin) / model.voxel
+    element, distance = _core.nearest_cells(model.cells, model.voxel.tolist(), grid)
+    return element, grid - model.cells[element], distance
 
 
 def boundary_surface(model: Model) -> BoundSurface:
@@ -176,23 +226,27 @@ def boundary_faces(model: Model) -> NDArray[np.int32]:
 
 
 def _boundary_codes(model: Model) -> NDArray[np.int64]:
-    """Corners of the exposed voxel faces, (n, 4), as codes element * 8 + corner.
-
-    Codes rather than nodes, so that a vertex knows an element that carries it.
-    """
     if model.is_conforming:
         return _mesh_boundary_codes(model.elements)
-    cells = model.cells.astype(np.int64)
+    return exposed_corners(model.cells)
+
+
+def exposed_corners(occupied_cells: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Corners of the exposed faces of cells (m, 3): (n, 4) codes, cell * 8 + corner.
+
+    Counter-clockwise from outside. Codes rather than nodes, so that a vertex knows a cell that
+    carries it.
+    """
+    cells = occupied_cells.astype(np.int64)
     extent = cells.max(axis=0) + 3
     key = _pack(cells + 1, extent)
     occupied = np.sort(key)
-    quads, owners = [], []
+    quads = []
     for corners, step in zip(_FACE_CORNERS, _FACE_STEPS, strict=True):
         neighbour = key + _pack(step, extent)
         slot = np.minimum(np.searchsorted(occupied, neighbour), len(occupied) - 1)
         owner = np.flatnonzero(occupied[slot] != neighbour)
         quads.append(np.stack([owner * 8 + corner for corner in corners], axis=1))
-        owners.append(owner)
     return np.concatenate(quads)
 
 
@@ -234,87 +288,9 @@ def _trilinear_weights(local: NDArray[np.float64]) -> NDArray[np.float64]:
     return weights
 
 
-def _spread_bits(value: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Put two zero bits after each of the low 21 bits."""
-    value = value & 0x1FFFFF
-    for shift, mask in (
-        (32, 0x1F00000000FFFF),
-        (16, 0x1F0000FF0000FF),
-        (8, 0x100F00F00F00F00F),
-        (4, 0x10C30C30C30C30C3),
-        (2, 0x1249249249249249),
-    ):
-        value = (value | (value << shift)) & mask
-    return value
-
-
-_Level = tuple[NDArray[np.int32], NDArray[np.int64]]
-
-
-def _octree(cells: NDArray[np.int32]) -> tuple[list[_Level], NDArray[np.int64]]:
-    """Blocks of the occupied voxels, coarse to fine, and the Morton order of the elements.
-
-    A level is (blocks (n, 3) in units of its own size, first child of each and the end (n + 1,)).
-    The children of a block follow one another because everything is in Morton order; the
-    children of the finest blocks are the elements in that order.
-    """
-    wide = cells.astype(np.int64)
-    morton = (
-        _spread_bits(wide[:, 0]) | (_spread_bits(wide[:, 1]) << 1) | (_spread_bits(wide[:, 2]) << 2)
-    )
-    order = np.argsort(morton, kind="stable")
-    code = morton[order]
-    blocks = cells[order]
-    levels: list[_Level] = [(blocks, np.empty(0, dtype=np.int64))]
-    # At least one level above the cells, so that a single cell is no special case.
-    while len(blocks) > 1 or len(levels) == 1:
-        code = code >> 3
-        first = np.flatnonzero(np.concatenate([[True], code[1:] != code[:-1]]))
-        ends = np.append(first, len(code))
-        code = code[first]
-        blocks = blocks[first] >> 1
-        levels.append((blocks, ends))
-    return levels[::-1], order
-
-
-def _nearest_cells(
-    grid: NDArray[np.float64],
-    levels: list[_Level],
-    order: NDArray[np.int64],
-    voxel: NDArray[np.float64],
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    n_points = len(grid)
-    everyone = np.arange(n_points)
-
-    def children(
-        depth: int, point: NDArray[np.int64], block: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-        """Pairs of a point and a child of its block, and their squared distance."""
-        ends = levels[depth - 1][1]
-        count = ends[block + 1] - ends[block]
-        shift = np.repeat(ends[block] - (np.cumsum(count) - count), count)
-        point = np.repeat(point, count)
-        block = np.arange(len(point)) + shift
-        size = 1 << (len(levels) - 1 - depth)
-        outside = levels[depth][0][block] * size - grid[point]
-        np.maximum(outside, -outside - size, out=outside)
-        np.maximum(outside, 0.0, out=outside)
-        outside *= voxel
-        return point, block, np.einsum("ij,ij->i", outside, outside)
-
-    # A greedy descent gives a close upper bound, which leaves few candidates to the exact pass.
-    block = np.zeros(n_points, dtype=np.int64)
-    for depth in range(1, len(levels)):
-        point, child, near = children(depth, everyone, block)
-        starts = np.searchsorted(point, everyone)
-        bound = np.minimum.reduceat(near, starts)
-        block = np.minimum.reduceat(np.where(near == bound[point], child, len(order)), starts)
-    point, block = everyone, np.zeros(n_points, dtype=np.int64)
-    for depth in range(1, len(levels)):
-        point, block, near = children(depth, point, block)
-        keep = near <= bound[point]
-        point, block, near = point[keep], block[keep], near[keep]
-    starts = np.searchsorted(point, everyone)
-    nearest = np.minimum.reduceat(near, starts)
-    candidate = np.where(near == nearest[point], order[block], len(order))
-    return np.minimum.reduceat(candidate, starts), np.sqrt(nearest)
+def _follow(distance: NDArray[np.float64], reach: float, fade: float) -> NDArray[np.float64]:
+    """1 within reach, then down a smooth step to 0 over the length ``fade``."""
+    if fade <= 0.0:
+        return (distance <= reach).astype(np.float64)
+    t = np.clip((distance - reach) / fade, 0.0, 1.0)
+    return 1.0 - t * t * (3.0 - 2.0 * t)

@@ -85,7 +85,7 @@ def test_no_words_show_the_help(call):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("brow.h5", "brow.h5: is a model file; use `tledface run`"),
+        ("brow.h5", "model file brow.h5: not an HDF5 file, or cut short"),
         ("skin.STL", "skin.STL: is a surface; a scene file (.toml) names it"),
         ("folder", "folder: is a folder; give a scene file (.toml)"),
         ("a/none.toml", "a/none.toml: no such scene file; `tledface new a/none.toml` writes"),

@@ -46,7 +46,15 @@ TABLES = {
             "material": MATERIAL,
         }
     ],
-    "boundary": {"fixed": [{"box": [[0, 0, 0], [1, 1, 1]]}]},
+    "surfaces": [{"name": "face", "file": "face.obj"}],
+    "boundary": {
+        "fixed": [{"box": [[0, 0, 0], [1, 1, 1]]}],
+        "cuts": [{"side": "x+", "at": 1}],
+        "attachments": [{"muscle": "m", "reach": 1}],
+        "ligaments": [{"name": "l", "points": [[0, 0, 0]], "radius": 1}],
+        "symmetry": [{"axis": "x"}],
+        "sliding": {"on": ["bones"]},
+    },
     "solver": {"duration": "1 s", "hourglass": "joldes"},
     "output": {},
 }
@@ -58,6 +66,12 @@ SECTIONS = {
     "`[[muscles]]`": ("MuscleSpec", ("muscles", 0)),
     "`[boundary]`": ("Boundary", ("boundary",)),
     "fixed": ("FixedSpec", ("boundary", "fixed", 0)),
+    "cuts": ("CutSpec", ("boundary", "cuts", 0)),
+    "attachments": ("AttachmentSpec", ("boundary", "attachments", 0)),
+    "ligaments": ("LigamentSpec", ("boundary", "ligaments", 0)),
+    "symmetry": ("SymmetrySpec", ("boundary", "symmetry", 0)),
+    "sliding": ("SlidingSpec", ("boundary", "sliding")),
+    "`[[surfaces]]`": ("SurfaceSpec", ("surfaces", 0)),
     "`[solver]`": ("Solver", ("solver",)),
     "`[output]`": ("Output", ("output",)),
 }

@@ -199,7 +199,7 @@ BAD = [
     (["muscles", 0, "activation", "ovr"], "5 ms", r"activation\.ovr: unknown key; nearest: over"),
     (["muscles", 0, "activation", "over"], 5, r"activation\.over: unit missing: got 5"),
     (["muscles", 0, "activation", "ramp"], [0, 2], r"ramp end: got 2"),
-    (["boundary", "sliding"], ["bones"], r"boundary\.sliding: unknown key; allowed: fixed"),
+    (["boundary", "slidin"], ["bones"], r"boundary\.slidin: unknown key; nearest: sliding"),
     (["boundary", "fixed", 0, "components"], "xw", r"fixed\[0\]\.components: got 'xw'"),
     (["boundary", "fixed", 0, "box"], [[0, 0, 0]], r"fixed\[0\]\.box: got"),
     (

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tledface.cli import demos, machine, scenes
+from tledface.cli import demos, machine, pictures, scenes
 from tledface.cli.common import Group
 
 __all__ = ["app", "main"]
@@ -49,6 +49,7 @@ for _verb in (
     scenes.build,
     scenes.run,
     scenes.resume,
+    pictures.render,
     machine.bench,
     scenes.schema,
 ):

@@ -4,15 +4,35 @@ from __future__ import annotations
 
 import json as json_module
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tledface.cli.common import AsJson, Device, Force, Quiet, give
 
+if TYPE_CHECKING:
+    from tledface.model import Model
+    from tledface.scene import Scene
+
 __all__ = ["build", "check", "new", "resume", "run", "schema"]
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (TOML).")]
+
+
+SceneOrModel = Annotated[
+    Path,
+    typer.Argument(metavar="SCENE|MODEL", help="A scene file, or a model made by `build`."),
+]
+
+
+def _scene_or_model(path: Path) -> tuple[Scene, Model | None]:
+    """The scene of a scene file, or scene and model of a model file."""
+    from tledface.run import load_run
+    from tledface.scene import MODEL_ENDINGS, Scene
+
+    if path.suffix.lower() in MODEL_ENDINGS and not path.is_dir():
+        return load_run(path)
+    return Scene.load(path), None
 
 
 def new(
@@ -33,16 +53,17 @@ def new(
 
 
 def check(
-    scene: SceneFile, device: Device = "auto", json: AsJson = False, quiet: Quiet = False
+    scene: SceneOrModel, device: Device = "auto", json: AsJson = False, quiet: Quiet = False
 ) -> None:
-    """Validate a scene; print voxel count, memory, time step bound and its tissue, and time.
+    """Validate a scene; print voxels, bound nodes, memory, time step bound and its tissue, time.
 
-    Builds the model and times a few steps on the device, and writes nothing.
+    Builds the model (or takes one made by `build`) and times a few steps on the device, and
+    writes nothing.
     """
     from tledface.check import check_scene
-    from tledface.scene import Scene
 
-    found = check_scene(Scene.load(scene), device=device, quiet=quiet or json)
+    loaded, model = _scene_or_model(scene)
+    found = check_scene(loaded, device=device, quiet=quiet or json, model=model)
     give(found.text(), found.to_dict(), as_json=json, quiet=quiet)
 
 
@@ -55,6 +76,7 @@ def build(
     quiet: Quiet = False,
 ) -> None:
     """Turn a scene's surfaces into a voxel model, saved as HDF5."""
+    from tledface.boundary import boundary_text
     from tledface.errors import InputError
     from tledface.progress import spinner
     from tledface.run import save_built
@@ -69,14 +91,20 @@ def build(
     with spinner("building the model", quiet=quiet or json):
         model = loaded.build()
     save_built(loaded, model, output)
-    give(
+    bound = model.report.get("boundary", {})
+    lines = [
         f"wrote {output}: {model.n_elements:,} voxels, {model.n_nodes:,} nodes; "
         f"tissues {', '.join(model.tissues)}",
+        *(boundary_text(bound) if bound else []),
+    ]
+    give(
+        "\n".join(lines),
         {
             "model": str(output),
             "elements": model.n_elements,
             "nodes": model.n_nodes,
             "tissues": list(model.tissues),
+            "boundary": bound,
         },
         as_json=json,
         quiet=quiet,
@@ -84,10 +112,7 @@ def build(
 
 
 def run(
-    scene: Annotated[
-        Path,
-        typer.Argument(metavar="SCENE|MODEL", help="A scene file, or a model made by `build`."),
-    ],
+    scene: SceneOrModel,
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="The folder for the results.")
     ],
@@ -97,13 +122,9 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Simulate a scene: frames for ParaView, the deformed surface, a picture."""
-    from tledface.run import load_run, run_scene
-    from tledface.scene import MODEL_ENDINGS, Scene
+    from tledface.run import run_scene
 
-    if scene.suffix.lower() in MODEL_ENDINGS and not scene.is_dir():
-        loaded, model = load_run(scene)
-    else:
-        loaded, model = Scene.load(scene), None
+    loaded, model = _scene_or_model(scene)
     result = run_scene(loaded, output, device=device, force=force, model=model, quiet=quiet or json)
     give(result.text(), result.to_dict(), as_json=json, quiet=quiet)
 

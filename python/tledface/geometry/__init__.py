@@ -2,8 +2,9 @@
 
 from tledface.geometry.fibres import long_axes
 from tledface.geometry.memory import available_memory, check_memory
+from tledface.geometry.polygon_files import read_polygons
 from tledface.geometry.surfaces import SurfaceFile, read_surface
-from tledface.geometry.voxels import VoxelSet, section_ratio, voxelise
+from tledface.geometry.voxels import VoxelSet, outer_faces, section_ratio, voxelise
 
 __all__ = [
     "SurfaceFile",
@@ -11,6 +12,8 @@ __all__ = [
     "available_memory",
     "check_memory",
     "long_axes",
+    "outer_faces",
+    "read_polygons",
     "read_surface",
     "section_ratio",
     "voxelise",

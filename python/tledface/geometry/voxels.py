@@ -13,7 +13,7 @@ from tledface import _core
 from tledface.errors import InputError
 from tledface.geometry.memory import check_memory, estimate_voxels
 
-__all__ = ["VoxelSet", "section_ratio", "voxelise"]
+__all__ = ["VoxelSet", "outer_faces", "section_ratio", "voxelise"]
 
 Floats = NDArray[np.float64]
 Box = tuple[Sequence[float], Sequence[float]]
@@ -67,6 +67,7 @@ def voxelise(
     outer: str | Sequence[Box] = "all",
     fill: float = 0.5,
     clean: bool = True,
+    align: Sequence[float | None] = (None, None, None),
 ) -> VoxelSet:
     """Sample tissue into voxels with ``samples``^3 points each.
 
@@ -88,6 +89,8 @@ def voxelise(
             fractions are then scaled to sum to 1, as if the tissue just filled the voxel.
         clean: Keep only the largest face-connected part, and no voxel with fewer than three face
             neighbours (unless the voxels are one layer).
+        align: Along x, y, z a coordinate (m) on which voxel faces lie, or None: the grid then
+            starts up to a voxel earlier.
 
     Raises:
         InputError: more memory than there is, boxes that hold no skin face, no voxel left, a
@@ -104,9 +107,10 @@ def voxelise(
                 f"region: {_show_box(limits)} does not meet the skin {skin.name}, which spans "
                 f"{_show_box(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))}"
             )
+    box[0] = aligned(box[0], edges, align)
     if any(b <= a for a, b in zip((0.0, *boundaries), boundaries, strict=False)):
         raise InputError(f"layers: boundaries must rise from above 0, got {list(boundaries)} m")
-    mask = _outer_faces(skin, outer)
+    mask = outer_faces(skin, outer)
     n_tissues = len(boundaries) + 1 + len(muscles)
     volume = skin.volume if depth is None else min(skin.volume, skin.area * depth)
     needed = check_memory(estimate_voxels(edges, box, volume, skin.area), n_tissues, edges)
@@ -181,7 +185,18 @@ def section_ratio(voxels: VoxelSet, youngs_modulus: ArrayLike) -> Floats:
     return np.maximum(ratio, 0.0)
 
 
-def _outer_faces(skin: _core.Surface, outer: str | Sequence[Box]) -> NDArray[np.bool_]:
+def aligned(low: Floats, voxel: Floats, planes: Sequence[float | None]) -> Floats:
+    """Return the grid's low corner moved down so that voxel faces lie on the given planes."""
+    result = low.copy()
+    for axis, plane in enumerate(planes):
+        if plane is not None:
+            steps = np.ceil((plane - low[axis]) / voxel[axis] - _ON_FACE)
+            result[axis] = plane - steps * voxel[axis]
+    return result
+
+
+def outer_faces(skin: _core.Surface, outer: str | Sequence[Box]) -> NDArray[np.bool_]:
+    """Which faces of the skin ``outer`` names, see `voxelise`; raises InputError if none."""
     centroids = skin.vertices[skin.faces].mean(axis=1)
     if isinstance(outer, str):
         if outer != "all":

@@ -6,6 +6,7 @@ for the layout). A file is written under a temporary name and renamed when compl
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,17 +18,25 @@ from tledface.conditions import BodyForce, Prescribed, Pressure
 from tledface.constitutive import Material, material
 from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
+from tledface.io.model_surfaces import (
+    COMPRESSION,
+    numbered,
+    read_groups,
+    read_sliding,
+    read_surfaces,
+    write_groups,
+    write_sliding,
+    write_surfaces,
+)
 from tledface.model import Model
-from tledface.surface import BoundSurface
 
 __all__ = ["FORMAT", "VERSION", "load_model", "read_model", "save_model", "write_model"]
 
 FORMAT = "tledface model"
 VERSION = 2
-_VERSIONS = (1, VERSION)
+# Version 1 had no sliding nodes, direction fields and meshes; what it holds reads as before.
+READABLE = (1, 2)
 UNITS = "m kg s Pa"
-
-_COMPRESSION: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 def save_model(model: Model, path: str | Path) -> None:
@@ -51,19 +60,20 @@ def write_model(model: Model, file: h5py.Group) -> None:
     """Write a model into an open file or group; see `save_model`."""
     _refuse_callables(model)
     file.attrs["format"] = FORMAT
-    # The first version that reads it rightly: before 2, direction fields would be passed over and
-    # a mesh looked damaged.
-    file.attrs["version"] = VERSION if model.directions or model.is_conforming else 1
+    # The first version that reads it rightly: before 2, direction fields and sliding nodes would be
+    # passed over, and a mesh looked damaged.
+    needs = model.is_conforming or bool(model.directions) or len(model.sliding) > 0
+    file.attrs["version"] = VERSION if needs else 1
     file.attrs["units"] = UNITS
     grid = () if model.is_conforming else ("voxel", "origin")
     for name in (*grid, "gravity"):
         file.attrs[name] = getattr(model, name)
     mesh = ("nodes", "elements") if model.is_conforming else ("cells",)
     for name in (*mesh, "fractions", "fixed"):
-        file.create_dataset(name, data=getattr(model, name), **_COMPRESSION)
+        file.create_dataset(name, data=getattr(model, name), **COMPRESSION)
     if model.section_ratio is not None:
         for name in ("section_ratio", "layer_normal"):
-            file.create_dataset(name, data=getattr(model, name), **_COMPRESSION)
+            file.create_dataset(name, data=getattr(model, name), **COMPRESSION)
     tissues = zip(model.tissues, model.tissue_materials, strict=True)
     for number, (name, law) in enumerate(tissues):
         group = file.create_group(f"tissues/{number}")
@@ -72,7 +82,7 @@ def write_model(model: Model, file: h5py.Group) -> None:
         group.create_group("options").attrs.update(law.options)
         group.create_group("directions").attrs.update(law.directions)
         for key, field in model.directions.get(name, {}).items():
-            group.create_dataset(f"direction_fields/{key}", data=field, **_COMPRESSION)
+            group.create_dataset(f"direction_fields/{key}", data=field, **COMPRESSION)
         if law.prony:
             group.attrs["prony"] = law.prony
         if law.pretension is not None:
@@ -82,13 +92,13 @@ def write_model(model: Model, file: h5py.Group) -> None:
         for name in ("name", "law", "sigma_act", "sigma_pas", "lambda_opt", "lambda_pas"):
             group.attrs[name] = getattr(muscle, name)
         for name in ("elements", "fibre", "weight"):
-            group.create_dataset(name, data=getattr(muscle, name), **_COMPRESSION)
+            group.create_dataset(name, data=getattr(muscle, name), **COMPRESSION)
     _save_conditions(model, file)
-    for number, (name, surface) in enumerate(model.surfaces.items()):
-        group = file.create_group(f"surfaces/{number}")
-        group.attrs["name"] = name
-        for key in ("vertices", "faces", "element", "local"):
-            group.create_dataset(key, data=getattr(surface, key), **_COMPRESSION)
+    write_sliding(model.sliding, file)
+    write_groups(model.groups, file)
+    write_surfaces(model.surfaces, file)
+    if model.report:
+        file["report"] = json.dumps(model.report, default=_plain)
 
 
 def _refuse_callables(model: Model) -> None:
@@ -108,30 +118,30 @@ def _save_conditions(model: Model, file: h5py.Group) -> None:
     for number, record in enumerate(model.prescribed):
         group = file.create_group(f"prescribed/{number}")
         group.attrs["component"] = record.component
-        group.create_dataset("nodes", data=record.nodes, **_COMPRESSION)
+        group.create_dataset("nodes", data=record.nodes, **COMPRESSION)
         group["value"] = record.value
     for number, load in enumerate(model.body_forces):
         group = file.create_group(f"body_forces/{number}")
-        group.create_dataset("elements", data=load.elements, **_COMPRESSION)
+        group.create_dataset("elements", data=load.elements, **COMPRESSION)
         group["force"] = load.force
     for number, pressure in enumerate(model.pressures):
         group = file.create_group(f"pressures/{number}")
-        group.create_dataset("faces", data=pressure.faces, **_COMPRESSION)
+        group.create_dataset("faces", data=pressure.faces, **COMPRESSION)
         group["value"] = pressure.value
 
 
 def _read_conditions(model: Model, file: h5py.Group) -> None:
-    for group in _numbered(file, "prescribed"):
+    for group in numbered(file, "prescribed"):
         nodes, value = group["nodes"][()].astype(np.int64), group["value"][()]
         by_node = np.ndim(value) > 0
         component = int(group.attrs["component"])
         model.prescribed.append(
             Prescribed(nodes, component, value if by_node else float(value), by_node)
         )
-    for group in _numbered(file, "body_forces"):
+    for group in numbered(file, "body_forces"):
         elements = group["elements"][()].astype(np.int64)
         model.body_forces.append(BodyForce(elements, group["force"][()]))
-    for group in _numbered(file, "pressures"):
+    for group in numbered(file, "pressures"):
         faces = group["faces"][()].astype(np.int32)
         model.pressures.append(Pressure(faces, float(group["value"][()])))
 
@@ -159,10 +169,10 @@ def load_model(path: str | Path) -> Model:
                 "`tledface build SCENE -o MODEL.h5` makes one"
             )
         version = file.attrs.get("version")
-        if version not in _VERSIONS:
+        if version not in READABLE:
             raise InputError(
-                f"model file {path}: version {version}, this tledface reads versions up to "
-                f"{VERSION}; build the model again"
+                f"model file {path}: version {version}, this tledface reads versions "
+                f"{READABLE[0]} to {READABLE[-1]}; build the model again"
             )
         try:
             return read_model(file)
@@ -181,7 +191,7 @@ def read_model(file: h5py.Group) -> Model:
     Raises InputError, KeyError, OSError, TypeError, ValueError or IndexError for a damaged one.
     """
     model = _read_elements(file)
-    for name, group in zip(model.tissues, _numbered(file, "tissues"), strict=True):
+    for name, group in zip(model.tissues, numbered(file, "tissues"), strict=True):
         if "direction_fields" in group:
             fields = {key: data[()] for key, data in group["direction_fields"].items()}
             model.set_directions(name, fields)
@@ -192,7 +202,7 @@ def read_model(file: h5py.Group) -> Model:
     if fixed.shape != model.fixed.shape:
         raise InputError(f"fixed has shape {fixed.shape}, the cells give {model.fixed.shape}")
     model.fixed[:] = fixed
-    for group in _numbered(file, "muscles"):
+    for group in numbered(file, "muscles"):
         where = np.zeros(model.n_elements, dtype=bool)
         where[group["elements"][()]] = True
         muscle = model.add_muscle(
@@ -209,20 +219,16 @@ def read_model(file: h5py.Group) -> Model:
         # Normalising a unit vector again may move its last bit, and a restart would differ.
         muscle.fibre[:] = group["fibre"][()]
     _read_conditions(model, file)
-    for group in _numbered(file, "surfaces"):
-        element = group["element"][()]
-        model.surfaces[str(group.attrs["name"])] = BoundSurface(
-            group["vertices"][()],
-            group["faces"][()],
-            element,
-            group["local"][()],
-            model.elements[element],
-        )
+    model.sliding = read_sliding(file, model.n_nodes)
+    model.groups = read_groups(file, model.n_nodes)
+    model.surfaces.update(read_surfaces(file, model.elements))
+    if "report" in file:
+        model.report = json.loads(file["report"].asstr()[()])
     return model
 
 
 def _read_elements(file: h5py.Group) -> Model:
-    groups = _numbered(file, "tissues")
+    groups = numbered(file, "tissues")
     tissues = [str(group.attrs["name"]) for group in groups]
     materials = [_material(group) for group in groups]
     fractions = file["fractions"][()]
@@ -244,8 +250,11 @@ def _read_elements(file: h5py.Group) -> Model:
     )
 
 
-def _numbered(file: h5py.File, name: str) -> list[h5py.Group]:
-    return [file[name][str(n)] for n in range(len(file[name]))] if name in file else []
+def _plain(value: Any) -> Any:
+    """NumPy's numbers and arrays as JSON has them."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    return str(value)
 
 
 def _material(group: h5py.Group) -> Material:

@@ -22,6 +22,7 @@ unused. Without ``frames`` arrays grow, and a kill within an append may cost the
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -267,7 +268,8 @@ class VTKHDFWriter(_TimeSeries):
         frames: Number of frames to reserve space for; more can follow. See the module.
 
     Constant cell data: ``tissue`` (index of the largest fraction), ``fraction_<tissue>``,
-    ``muscle_<name>`` (weight). Point data ``displacement`` in m, float32.
+    ``muscle_<name>`` (weight). Point data ``displacement`` in m, float32. Of a surface with
+    vertices that stay at rest, cell data ``moves``: 0 for triangles that have one.
 
     Raises:
         InputError: another ending, no such folder, or no surface of that name.
@@ -300,11 +302,13 @@ class VTKHDFWriter(_TimeSeries):
         self._surface = surface
         self._surface_writer = None
         if surface is not None:
+            moves = surface.bound[surface.faces].all(axis=1).astype(np.uint8)
             self._surface_writer = VTKHDFSurfaceWriter(
                 self.path.with_name(f"{self.path.stem}_surface{_ENDING}"),
                 surface.faces,
                 len(surface.vertices),
                 frames=frames,
+                fields={} if surface.follow is None else {"moves": moves},
                 _keep=_keep,
             )
 
@@ -393,6 +397,7 @@ class VTKHDFSurfaceWriter(_TimeSeries):
         faces: (nf, 3) int, the same in every frame.
         n_vertices: Number of points in every frame.
         frames: Number of frames to reserve space for; more can follow. See the module.
+        fields: Constant data of the triangles by name, (nf,).
     """
 
     def __init__(
@@ -402,13 +407,17 @@ class VTKHDFSurfaceWriter(_TimeSeries):
         n_vertices: int,
         *,
         frames: int = 0,
+        fields: Mapping[str, ArrayLike] | None = None,
         _keep: int | None = None,
     ) -> None:
         """Write the triangles."""
         triangles = np.asarray(faces, dtype=np.int64)
         super().__init__(path, "PolyData", n_vertices, len(triangles), frames=frames, keep=_keep)
+        self._constant = frozenset(fields or ())
         if _keep is not None:
             return
+        for name, values in (fields or {}).items():
+            self._root["CellData"].create_dataset(name, data=np.asarray(values))
         self._root.create_dataset("NumberOfPoints", data=np.array([n_vertices]))
         for name in ("Vertices", "Lines", "Polygons", "Strips"):
             ids = triangles.reshape(-1) if name == "Polygons" else np.empty(0, dtype=np.int64)

@@ -1,27 +1,35 @@
 """Scene files: TOML tables checked and turned into SI values, ready to be built into a model."""
 
-from tledface.scene.load import MODEL_ENDINGS, Scene
-from tledface.scene.tables import (
+from tledface.scene.boundary_tables import (
+    AttachmentSpec,
     Boundary,
+    CutSpec,
     FixedSpec,
-    Geometry,
-    Layer,
-    MuscleSpec,
-    Output,
-    Solver,
+    LigamentSpec,
+    SlidingSpec,
+    SurfaceSpec,
+    SymmetrySpec,
 )
+from tledface.scene.load import MODEL_ENDINGS, Scene
+from tledface.scene.tables import Geometry, Layer, MuscleSpec, Output, Solver
 from tledface.scene.template import template_text, write_template
 
 __all__ = [
     "MODEL_ENDINGS",
+    "AttachmentSpec",
     "Boundary",
+    "CutSpec",
     "FixedSpec",
     "Geometry",
     "Layer",
+    "LigamentSpec",
     "MuscleSpec",
     "Output",
     "Scene",
+    "SlidingSpec",
     "Solver",
+    "SurfaceSpec",
+    "SymmetrySpec",
     "template_text",
     "write_template",
 ]

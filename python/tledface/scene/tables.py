@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    PrivateAttr,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from tledface.errors import InputError
+from tledface.scene.base import Table
+from tledface.scene.boundary_tables import Boundary, FixedSpec, SurfaceSpec
 from tledface.scene.fields import (
     Activation,
     Box,
     CheckpointEvery,
-    Components,
     Fibre,
     Gravity,
     Length,
@@ -49,27 +41,9 @@ __all__ = [
     "Output",
     "SceneTables",
     "Solver",
+    "SurfaceSpec",
     "Table",
 ]
-
-
-class Table(BaseModel):
-    """A TOML table: unknown keys are refused with the nearest known one."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, populate_by_name=False)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_unknown_keys(cls, given: Any) -> Any:
-        if not isinstance(given, dict):
-            raise InputError(f"got {given!r}; allowed: a table")
-        known = [field.alias or name for name, field in cls.model_fields.items()]
-        for key in given:
-            if key not in known:
-                near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
-                hint = f"nearest: {near[0]}; " if near else ""
-                raise InputError(f"{key}: unknown key; {hint}allowed: {', '.join(known)}")
-        return given
 
 
 class Geometry(Table):
@@ -156,19 +130,6 @@ class MuscleSpec(Table):
         return self
 
 
-class FixedSpec(Table):
-    """Nodes in a box, held in the named components."""
-
-    box: Box = Field(examples=[[[0, 0, 0], [60, 60, 1]]])
-    components: Components = Field(default="xyz", description="which components are held")
-
-
-class Boundary(Table):
-    """Boundary conditions."""
-
-    fixed: list[FixedSpec] = Field(default=[], description="boxes of nodes that are held")
-
-
 class Solver(Table):
     """Time integration."""
 
@@ -226,7 +187,10 @@ class SceneTables(Table):
         description="bending stiffness of a voxel with layers: of its section, or of the mean "
         "stiffness (as the published models do)",
     )
-    boundary: Boundary = Field(default=Boundary())
+    surfaces: list[SurfaceSpec] = Field(
+        default=[], description="more surfaces that follow the tissue, to be shown"
+    )
+    boundary: Boundary = Field(default_factory=Boundary)
     solver: Solver = Field(examples=["{ ... }"])
     output: Output = Field(default=Output())
 
@@ -252,4 +216,18 @@ class SceneTables(Table):
                     f"name {name!r} is used twice; allowed: one layer or muscle for each name"
                 )
             seen.add(name)
+        shown = [surface.name for surface in self.surfaces]
+        for name in shown:
+            if shown.count(name) > 1 or name == "skin":
+                raise InputError(
+                    f"surfaces: name {name!r} is used twice; allowed: one surface for each name, "
+                    'and "skin" is that of [geometry]'
+                )
+        for number, attachment in enumerate(self.boundary.attachments):
+            names = [muscle.name for muscle in self.muscles]
+            if attachment.muscle not in names:
+                raise InputError(
+                    f"boundary.attachments[{number}].muscle: got {attachment.muscle!r}; allowed: "
+                    f"{', '.join(names) or 'a muscle of the scene, which has none'}"
+                )
         return self
