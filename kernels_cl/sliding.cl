@@ -88,9 +88,10 @@ INLINE real square_root_of(real x) {
 #endif
 }
 
+// A place that is no number is in cell 0: whoever looks at the state says what happened.
 INLINE int clamped_cell(real x, real low, real edge, int count) {
   const real cell = (x - low) / edge;
-  return cell < R(0.0) ? 0 : cell >= (real)count ? count - 1 : (int)cell;
+  return cell > R(0.0) ? (cell < (real)count ? (int)cell : count - 1) : 0;
 }
 
 // Distance, along one axis, from a place in the grid to the nearest side of its cell.
@@ -246,6 +247,7 @@ OUT_OF_LINE void find_plane(const SlideSurfaces* s, __global const real* u_next,
       face = t;
     }
   }
+  if (face < 0) return;  // no number is near anything
   __global const real* triangle = s->triangles + (long)face * TRIANGLE_REALS;
   const real distance = square_root_of(best.square);
   const Point away = minus(p, best.at);

@@ -1,0 +1,189 @@
+"""Nodes that slide on surfaces: their distances, the search against brute force, what it leaves alone."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import tledface as tf
+from scenes import soft
+from tledface import _core
+from tledface.device import resolve
+
+H = 0.5e-3
+FAR = np.array([0.1, -0.2, 1.6])  # where atlases lie
+
+
+def saddle():
+    x, y = np.meshgrid(np.linspace(-20e-3, 20e-3, 41), np.linspace(-20e-3, 20e-3, 41))
+    points = np.stack([x.ravel(), y.ravel(), ((x**2 - y**2) / 60e-3).ravel()], axis=1)
+    i = np.arange(41 * 41).reshape(41, 41)
+    a, b, c, d = (k.ravel() for k in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    return trimesh.Trimesh(points, faces, process=False)
+
+
+def box():
+    """Edges and corners: the slab hangs over its sides by 0.2 mm, in the end over two corners too."""
+    return trimesh.creation.box((27.6e-3, 5.6e-3, 20e-3)).apply_translation((0, 0, -10e-3))
+
+
+SURFACES = {
+    "sphere": (trimesh.creation.icosphere(subdivisions=4, radius=20e-3), 20e-3),
+    "inside a sphere": (trimesh.creation.icosphere(subdivisions=4, radius=20e-3), -19.7e-3),
+    "saddle": (saddle(), 0.4e-3),
+    "box": (box(), 0.3e-3),
+    "on the box": (box(), 0.0),
+}
+
+
+def tissue(height, cells=(16, 12, 3)):
+    """A slab whose lower side is `height` above the origin, far from 0; mask of that side."""
+    low = FAR + (-cells[0] * H / 2, -cells[1] * H / 2, height)
+    block = tf.Model.block(cells, tuple(n * H for n in cells), soft(30e3, 0.45))
+    model = tf.Model.from_voxels(
+        block.voxel, low, block.cells, block.tissues, block.tissue_materials, block.fractions
+    )
+    return model, block.node_ijk[:, 2] == 0
+
+
+def dragged(model, lower, surface, by, **options):
+    """The slab pulled sideways by its upper side; simulator and kept distances."""
+    surface = surface.copy()
+    surface.apply_translation(FAR)
+    kept = model.slide(lower, surface)
+    top = model.nodes[:, 2] > model.nodes[:, 2].max() - 1e-9
+    over = 8e-3
+    model.prescribe(top, {"x": lambda t: by * min(t / over, 1.0)})
+    sim = tf.Simulator(model, damping=100.0, **options)
+    sim.run(until=over)
+    return sim, kept
+
+
+def distances(model, x):
+    """To the surface, by trying every triangle."""
+    surface = model.sliding.surfaces[0]
+    squares, _ = _core.brute_force_nearest(surface.vertices - FAR, surface.faces, x - FAR)
+    return np.sqrt(squares)
+
+
+@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_distances_are_kept(executor, figure, name, precision):
+    surface, height = SURFACES[name]
+    model, lower = tissue(height)
+    sim, kept = dragged(model, lower, surface, 10e-3, precision=precision, **executor.kwargs)
+    x = (model.nodes + sim.u)[lower]
+    assert sim.u[lower][:, 0].mean() > 5e-3  # it went along
+    figure(
+        f"{precision}: error of the distance over the voxel",
+        abs(distances(model, x) - abs(kept)).max() / H,
+        at_most=1e-4 if precision == "single" else 1e-9,
+    )
+
+
+def test_no_node_is_lost_at_a_voxel_a_step(figure):
+    """Thrown along the surface far faster than tissue moves."""
+    surface, height = SURFACES["sphere"]
+    model, lower = tissue(height)
+    surface = surface.copy()
+    surface.apply_translation(FAR)
+    kept = model.slide(lower, surface)
+    sim = tf.Simulator(model, device="native", precision="double")
+    velocity = np.zeros_like(model.nodes)
+    velocity[:, 0] = H / sim.dt
+    sim.set_state(np.zeros_like(velocity), velocity)
+    worst = 0.0
+    for _ in range(12):
+        before = sim.u
+        sim.step(1)
+        moved = abs(sim.u - before).max()
+        x = (model.nodes + sim.u)[lower]
+        worst = max(worst, abs(distances(model, x) - abs(kept)).max() / H)
+    assert moved > 0.5 * H
+    figure("error of the distance over the voxel", worst, at_most=1e-9)
+
+
+@pytest.mark.parametrize("name", ["sphere", "saddle", "box"])
+def test_search_finds_what_brute_force_finds(executor, figure, name):
+    """Places about the surface and far from it; the same distance, hence the same closest point."""
+    surface, _ = SURFACES[name]
+    rng = np.random.default_rng(2)
+    on, _ = trimesh.sample.sample_surface(surface, 4000, seed=3)
+    near = on + 1e-3 * rng.standard_normal(on.shape)
+    far = rng.uniform(-50e-3, 50e-3, (500, 3))
+    places = np.concatenate([surface.vertices[:500], surface.triangles_center[:500], near, far])
+    exact, _ = _core.brute_force_nearest(surface.vertices, surface.faces, places)
+    device = resolve(executor.device)
+    for precision, allowed in (("double", 1e-14), ("single", 1e-8)):
+        squares, faces = _core.grid_nearest(
+            device, precision, surface.vertices, surface.faces, places
+        )
+        assert faces.min() >= 0
+        figure(
+            f"{precision}: distance off brute force, m",
+            abs(np.sqrt(squares) - np.sqrt(exact)).max(),
+            at_most=allowed,
+        )
+
+
+def test_restart_goes_on_bit_for_bit(executor, tmp_path):
+    surface, height = SURFACES["box"]
+    model, lower = tissue(height)
+    surface = surface.copy()
+    surface.apply_translation(FAR)
+    model.slide(lower, surface)
+    model.gravity = (30.0, 5.0, -9.81)
+    sim = tf.Simulator(model, **executor.kwargs)
+    sim.step(300)
+    sim.checkpoint(tmp_path / "c.h5")
+    again = tf.Simulator.restore(tmp_path / "c.h5")
+    for each in (sim, again):
+        each.step(300)
+    assert np.array_equal(sim.u, again.u)
+
+
+def test_a_slope_pushes_with_its_normal(figure):
+    """At rest on an inclined plane under gravity, held against sliding: the plane's reaction."""
+    angle = np.radians(30.0)
+    plane = trimesh.creation.box((60e-3, 60e-3, 2e-3)).apply_translation((0, 0, -1e-3))
+    model, lower = tissue(0.0, (10, 8, 6))
+    plane.apply_translation(FAR)
+    model.slide(lower, plane)
+    g = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    model.gravity = g
+    end = model.nodes[:, 0] > model.nodes[:, 0].max() - 1e-9
+    model.fix(end, "x")
+    sim = tf.Simulator(model, device="native", precision="double")
+    info = sim.relax(1e-6, 100_000)
+    assert info.converged, info
+    weight = 1100.0 * model.volumes.sum() * 9.81
+    figure("plane's reaction over weight x cos", sim.reaction(lower)[2] / weight, np.cos(angle), rel=1e-4)
+    figure("stop's reaction over weight x sin", -sim.reaction(end)[0] / weight, np.sin(angle), rel=1e-4)
+
+
+def test_a_plane_of_symmetry_and_a_surface_hold_both():
+    surface, height = SURFACES["sphere"]
+    model, lower = tissue(height)
+    middle = model.nodes[:, 1].min()
+    model.fix(model.nodes[:, 1] < middle + 1e-9, "y")
+    sim, kept = dragged(model, lower, surface, 5e-3, device="native", precision="double")
+    x = (model.nodes + sim.u)[lower]
+    assert abs(distances(model, x) - abs(kept)).max() <= 1e-6 * H
+    assert abs(sim.u[model.nodes[:, 1] < middle + 1e-9, 1]).max() == 0.0
+
+
+def test_sliding_takes_no_energy(figure):
+    """Undamped, thrown over a sphere: what it holds stays."""
+    surface, height = SURFACES["sphere"]
+    model, lower = tissue(height)
+    surface = surface.copy()
+    surface.apply_translation(FAR)
+    model.slide(lower, surface)
+    sim = tf.Simulator(model, device="native", precision="double", energy_every=20)
+    velocity = np.zeros_like(model.nodes)
+    velocity[:, 0] = 0.5
+    sim.set_state(np.zeros_like(velocity), velocity)
+    sim.step(3000)
+    energies = sim.energies
+    held = energies["kinetic"] + energies["strain"] + energies["hourglass"]
+    figure("balance error over the energy", abs(energies["error"]) / held, at_most=0.02)
