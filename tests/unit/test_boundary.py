@@ -320,7 +320,7 @@ def test_nodes_lie_exactly_on_a_plane_of_symmetry(tmp_path, side):
     (high if side == "below" else low)[0] = 0.0
     plane = [{"axis": "x", "at": 0}]
     model = build(
-        tmp_path, boundary={"symmetry": plane, "sliding": ["bones"]}, region=[low, high], voxel=0.9
+        tmp_path, boundary={"symmetry": plane, "sliding": ["bones"]}, region=[low, high], voxel=0.8
     )
     held = np.flatnonzero(model.fixed[:, 0])
     assert (model.nodes[held, 0] == 0.0).all() and len(held) > 100
@@ -494,6 +494,38 @@ def test_all_of_it_survives_the_model_file(tmp_path):
         np.testing.assert_array_equal(one.nodes, other.nodes)
     assert again.report["boundary"] == model.report["boundary"]
     assert again.report["warnings"] == []
+
+
+def test_files_of_the_version_before_load_and_damage_is_named(tmp_path):
+    import h5py
+
+    model = tf.Model.block((2, 2, 2), (2e-3, 2e-3, 2e-3), SOFT)
+    path = tmp_path / "m.h5"
+    model.save(path)
+
+    def change(**attributes):
+        with h5py.File(path, "a") as file:
+            file.attrs.update(attributes)
+
+    change(version=1)
+    old = tf.Model.load(path)
+    assert old.n_elements == 8 and len(old.sliding) == 0 and old.groups == [] and old.report == {}
+    change(version=3)
+    with pytest.raises(InputError, match="version 3, this tledface reads versions 1 to 2; build"):
+        tf.Model.load(path)
+    model.slide(lambda X: X[:, 2] < 1e-9, floor())
+    for key, value, word in (
+        ("nodes", np.arange(20, 29), "node or a surface that is not there"),
+        ("surface", np.full(9, 1), "node or a surface that is not there"),
+        ("distance", np.zeros(8), "different lengths"),
+    ):
+        model.save(path)
+        with h5py.File(path, "a") as file:
+            del file["sliding"][key]
+            file["sliding"][key] = value
+        with pytest.raises(InputError, match=word) as caught:
+            tf.Model.load(path)
+        assert str(path) in str(caught.value)
 
 
 # -- anatomy -------------------------------------------------------------------------------------
