@@ -19,6 +19,7 @@ __all__ = ["read_polygons"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_MAX_INDEX = 2**31 - 1
 _LABEL_WORDS = {"o": "object", "g": "group", "usemtl": "material"}
 
 
@@ -118,6 +119,8 @@ def _parse_obj(text: str) -> tuple[Floats, Polygons]:
             index = _corner_indices(words)
             # Negative indices count back from what there is by now.
             before = np.array([n_vertices, n_texture, n_normals])
+            if (index < -before).any() or (np.abs(index) > _MAX_INDEX).any():
+                raise ValueError("a face names what is not there")
             index = np.where(index < 0, index + before, index - 1)
             corners.append(index)
             n_faces += len(rows)
@@ -220,8 +223,10 @@ def _parse_off(text: str) -> tuple[Floats, Polygons]:
     faces = body[n_vertices : n_vertices + n_faces]
     sizes = np.fromiter((int(row[0]) for row in faces), np.int32, n_faces)
     corners = [_exactly(row, int(row[0])) for row in faces]
-    flat = list(itertools.chain.from_iterable(corners))
-    return _numbers(points, 3), Polygons(sizes, np.fromiter(map(int, flat), np.int32, len(flat)))
+    flat = list(map(int, itertools.chain.from_iterable(corners)))
+    if flat and max(flat) > _MAX_INDEX:
+        raise ValueError("a face names what is not there")
+    return _numbers(points, 3), Polygons(sizes, np.array(flat, dtype=np.int32))
 
 
 def _of_parts(path: Path) -> tuple[Floats, Polygons]:
