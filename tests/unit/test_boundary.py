@@ -8,6 +8,7 @@ import trimesh
 
 import tledface as tf
 from test_build import MATERIAL, box, export
+from tledface import _core
 from tledface.boundary import bone_names
 from tledface.build import BuildWarning, build_model
 from tledface.errors import InputError
@@ -163,6 +164,20 @@ def test_a_bone_behind_another_does_not_slide(tmp_path):
         along[len(bones)] = set(ijk[:, 0].tolist())
     assert along[1] == set(range(3, 18))
     assert along[2] == along[1] - {9, 10, 11}
+
+
+def test_segments_meet_surfaces_as_by_force():
+    """The tree's answer is that of every triangle, for segments long, short, along axes."""
+    rng = np.random.default_rng(0)
+    parts = [ball(1.0, 3, [0, 0, 0]), ball(0.4, 2, [1.5, 0.2, 0])]
+    starts, ends = rng.uniform(-2, 2, (2, 300, 3))
+    ends[:100] = starts[:100] + 0.3 * (ends[:100] - starts[:100])
+    ends[100:150, 1:] = starts[100:150, 1:]
+    meshes = [(part.vertices, part.faces) for part in parts]
+    got = _core.segments_meet(meshes, starts, ends)
+    expected = crossed(starts, ends, parts[0].triangles) | crossed(starts, ends, parts[1].triangles)
+    np.testing.assert_array_equal(got, expected)
+    assert 60 < expected.sum() < 240
 
 
 def test_reach_boxes_and_excluded_boxes(tmp_path):

@@ -236,6 +236,7 @@ def test_render_verb_draws_a_run(tmp_path):
         (["empty", "--cut", "x=0"], "a run's folder, which has no tissues"),
         (["m.h5", "-o", "none/p"], "there is no folder"),
         (["skin.stl"], "not an HDF5 file"),
+        (["brow.toml"], "is a scene; `tledface build brow.toml -o MODEL.h5` makes a model"),
     ],
 )
 def test_render_refuses_in_one_line(tmp_path, monkeypatch, arguments, words):
