@@ -591,7 +591,7 @@ def crossed(starts, ends, triangles):
         run = end - start
         across = np.cross(run, ac)
         det = np.einsum("ij,ij->i", ab, across)
-        det[det == 0.0] = np.inf
+        det[det == 0.0] = np.nan  # parallel: no comparison holds
         u = np.einsum("ij,ij->i", start - a, across) / det
         turned = np.cross(start - a, ab)
         v = turned @ run / det
