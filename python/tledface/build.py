@@ -22,7 +22,9 @@ from tledface.geometry import (
     section_ratio,
     voxelise,
 )
+from tledface.geometry.surfaces import SURFACE_FORMATS
 from tledface.model import Model
+from tledface.polygons import Polygons
 from tledface.scene import MuscleSpec, Scene
 from tledface.surface import BoundSurface
 
@@ -205,7 +207,10 @@ def _bind_surfaces(model: Model, scene: Scene, skin: SurfaceFile) -> None:
     geometry, near = scene.geometry, _BIND_REACH * float(model.voxel.max())
     # Without a region, far vertices are parts too thin for the voxels, which go with the body.
     reach = None if geometry.region is None else near
-    vertices, polygons = read_polygons(skin.path, unit_scale=geometry.unit_scale)
+    if skin.path.suffix.lower() in SURFACE_FORMATS:
+        vertices, polygons = read_polygons(skin.path, unit_scale=geometry.unit_scale)
+    else:  # a skin that no surface file holds
+        vertices, polygons = skin.vertices, Polygons.of_triangles(skin.faces)
     model.surfaces["skin"] = BoundSurface.on(model, vertices, polygons, reach=reach)
     for spec in scene.surfaces:
         vertices, polygons = read_polygons(spec.file, unit_scale=spec.unit_scale)
