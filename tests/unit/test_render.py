@@ -277,6 +277,7 @@ def test_check_and_build_say_what_binds_nodes(tmp_path, monkeypatch):
     for source in ("s.toml", "s.h5"):
         checked = call("check", source, "--device", "native")
         assert checked.exit_code == 0, checked.output
+        assert f"{source}: valid" in checked.stdout
         assert "90 sliding" in checked.stdout and "bone: 90 nodes (sliding)" in checked.stdout
         assert "9 nodes bound twice, by fixed[0] and sliding: rigid" in checked.stdout
         assert "they are free" in checked.stderr
