@@ -99,8 +99,8 @@ def check_scene(
 ) -> Check:
     """Build a scene, time a few steps on the device, and count.
 
-    ``model`` is the scene's model where it is built already, ``name`` that of its file. Raises InputError as building and
-    simulating do; writes nothing.
+    ``model`` is the scene's model where it is built already, ``name`` that of its file. Raises
+    InputError as building and simulating do; writes nothing.
     """
     opened = device_module.resolve(device)
     if model is None:
