@@ -2,7 +2,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
+#include <array>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "bindings/arrays.hpp"
 #include "model/nearest_cells.hpp"
@@ -94,7 +98,8 @@ py::dict bind_nearest_surfaces(const Meshes& meshes, const Array<double>& points
 py::array_t<bool> bind_segments_meet(const Meshes& meshes, const Array<double>& starts_in,
                                      const Array<double>& ends_in) {
   const std::vector<TriangleMesh> surfaces = to_surfaces(meshes);
-  const std::vector<Vec3> starts = to_points(starts_in, "starts"), ends = to_points(ends_in, "ends");
+  const std::vector<Vec3> starts = to_points(starts_in, "starts");
+  const std::vector<Vec3> ends = to_points(ends_in, "ends");
   if (starts.size() != ends.size()) throw InputError("ends: as many as starts are needed");
   std::vector<char> meets;
   {

@@ -30,7 +30,7 @@ class Bvh {
   ClosestPoint closest(const Vec3& p, double limit2 = std::numeric_limits<double>::infinity(),
                        std::int32_t guess = -1) const;
 
-  // Whether the segment from a to b meets a face, ends included. One that runs within the plane of a
+  // Whether the segment from a to b meets a face, ends included. One within the plane of a
   // face does not meet it.
   bool crosses(const Vec3& a, const Vec3& b) const;
 

@@ -8,7 +8,6 @@ slides on the one that the scene lists first.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -117,11 +116,12 @@ def bind_boundary(
         if not len(claim.group.nodes):
             problems.append(_nothing(model, claim.group))
             continue
-        where = np.zeros(model.n_nodes, dtype=bool)
-        where[claim.group.nodes] = True
-        model.fix(where, claim.components)
+        model.fix(_mask(model, claim.group.nodes), claim.components)
         held.append(claim)
-    twice = [_twice(a, b) for a, b in itertools.combinations(held, 2)]
+    twice = []
+    for number, claim in enumerate(held):
+        where = _mask(model, claim.group.nodes)
+        twice += [_twice(claim, where, other) for other in held[number + 1 :]]
     report: dict[str, Any] = {}
     spec = scene.boundary.sliding
     if spec is not None:
@@ -273,10 +273,15 @@ def _slide(
         good &= _in_boxes(model, spec.boxes)[outermost]
     if spec.excluded:
         good &= ~_in_boxes(model, spec.excluded)[outermost]
-    could = outermost[good]
+    could = _mask(model, outermost[good])
     rigid: Mask = np.asarray(model.fixed.all(axis=1))
     twice = [
-        _shared(claim, could, "rigid" if model.fixed[claim.group.nodes].all() else "both hold")
+        {
+            "first": _label(claim.group),
+            "second": "sliding",
+            "nodes": int(np.count_nonzero(could[claim.group.nodes])),
+            "kept": "rigid" if model.fixed[claim.group.nodes].all() else "both hold",
+        }
         for claim in held
     ]
     slides: Mask = good & ~rigid[outermost]
@@ -381,21 +386,21 @@ def _claim(kind: str, name: str, where: Mask, components: str) -> _Claim:
     return _Claim(NodeGroup(kind, name, np.flatnonzero(where)), components)
 
 
-def _twice(a: _Claim, b: _Claim) -> dict[str, Any]:
-    """Nodes that two entries hold in the same component."""
+def _twice(a: _Claim, where: Mask, b: _Claim) -> dict[str, Any]:
+    """Nodes that two entries hold in the same component; ``where`` are the nodes of the first."""
     common = bool(set(a.components) & set(b.components))
-    nodes = np.intersect1d(a.group.nodes, b.group.nodes, assume_unique=True)
     return {
         "first": _label(a.group),
         "second": _label(b.group),
-        "nodes": len(nodes) if common else 0,
+        "nodes": int(np.count_nonzero(where[b.group.nodes])) if common else 0,
         "kept": "held once",
     }
 
 
-def _shared(claim: _Claim, could: NDArray[np.int64], kept: str) -> dict[str, Any]:
-    nodes = np.intersect1d(claim.group.nodes, could, assume_unique=True)
-    return {"first": _label(claim.group), "second": "sliding", "nodes": len(nodes), "kept": kept}
+def _mask(model: Model, nodes: NDArray[np.int64]) -> Mask:
+    where = np.zeros(model.n_nodes, dtype=bool)
+    where[nodes] = True
+    return where
 
 
 def _label(group: NodeGroup) -> str:

@@ -22,7 +22,9 @@ from tledface.geometry import (
     section_ratio,
     voxelise,
 )
+from tledface.geometry.surfaces import SURFACE_FORMATS
 from tledface.model import Model
+from tledface.polygons import Polygons
 from tledface.scene import MuscleSpec, Scene
 from tledface.surface import BoundSurface
 
@@ -90,12 +92,12 @@ def build_model(scene: Scene) -> Model:
         scene,
         [
             Bone(name, bone.solid.vertices, bone.solid.faces)
-            for name, bone in zip(bone_names(geometry.bones), bones, strict=True)
+            for name, bone in zip(bone_names([bone.path for bone in bones]), bones, strict=True)
         ],
         (skin.solid.vertices, outer),
     )
     assembled = time.perf_counter()
-    _bind_surfaces(model, scene)
+    _bind_surfaces(model, scene, skin)
     report: dict[str, Any] = {
         "elements": model.n_elements,
         "nodes": model.n_nodes,
@@ -200,12 +202,15 @@ def _missed_muscle(spec: MuscleSpec, surfaces: list[SurfaceFile], model: Model) 
     )
 
 
-def _bind_surfaces(model: Model, scene: Scene) -> None:
+def _bind_surfaces(model: Model, scene: Scene, skin: SurfaceFile) -> None:
     """Bind the skin and the scene's other surfaces, vertex for vertex as their files have them."""
     geometry, near = scene.geometry, _BIND_REACH * float(model.voxel.max())
     # Without a region, far vertices are parts too thin for the voxels, which go with the body.
     reach = None if geometry.region is None else near
-    vertices, polygons = read_polygons(geometry.skin, unit_scale=geometry.unit_scale)
+    if skin.path.suffix.lower() in SURFACE_FORMATS:
+        vertices, polygons = read_polygons(skin.path, unit_scale=geometry.unit_scale)
+    else:  # a skin that no surface file holds
+        vertices, polygons = skin.vertices, Polygons.of_triangles(skin.faces)
     model.surfaces["skin"] = BoundSurface.on(model, vertices, polygons, reach=reach)
     for spec in scene.surfaces:
         vertices, polygons = read_polygons(spec.file, unit_scale=spec.unit_scale)

@@ -90,12 +90,17 @@ class Check:
 
 
 def check_scene(
-    scene: Scene, *, device: Any = "auto", quiet: bool = False, model: Model | None = None
+    scene: Scene,
+    *,
+    device: Any = "auto",
+    quiet: bool = False,
+    model: Model | None = None,
+    name: str | None = None,
 ) -> Check:
     """Build a scene, time a few steps on the device, and count.
 
-    ``model`` is the scene's model where it is built already. Raises InputError as building and
-    simulating do; writes nothing.
+    ``model`` is the scene's model where it is built already, ``name`` that of its file. Raises
+    InputError as building and simulating do; writes nothing.
     """
     opened = device_module.resolve(device)
     if model is None:
@@ -109,7 +114,7 @@ def check_scene(
     holding = (model.fractions > 0.0).sum(axis=0)
     steps = round(scene.solver.duration / scene.solver.time_scaling / dt)
     return Check(
-        scene=str(scene.path or "scene"),
+        scene=name or str(scene.path or "scene"),
         elements=model.n_elements,
         nodes=model.n_nodes,
         tissues={name: int(n) for name, n in zip(model.tissues, holding, strict=True)},

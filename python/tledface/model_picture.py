@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -163,10 +164,10 @@ def boundary_picture(path: str | Path, model: Model, *, view: str = "front") -> 
 def _fibres(path: Path, model: Model, view: str) -> Path:
     """Draw the fibre field; the one place that chooses how."""
     try:
-        from tledface.fibre_picture import fibre_picture  # type: ignore[import-not-found]
+        fields = importlib.import_module("tledface.fibre_picture")
     except ImportError:
         return _fibre_lines(path, model, view)
-    fibre_picture(path, model, view=view)
+    fields.fibre_picture(path, model, view=VIEWS[view][0])
     return path
 
 

@@ -115,5 +115,31 @@ def test_duration_shorter_than_a_step(scene):
     assert "shorter than one step" in refuse(scene, verb="check")
 
 
+def test_a_bone_that_is_not_there(scene):
+    edit(scene, "[boundary]", '[boundary]\nsliding = ["skull"]')
+    line = refuse(scene)
+    assert "boundary.sliding.on: got 'skull'; allowed: none, [geometry] has no bones" in line
+
+
+def test_tissue_on_both_sides_of_a_plane_of_symmetry(scene):
+    edit(scene, "[boundary]", '[boundary]\nsymmetry = [{ axis = "x", at = 5 }]')
+    assert "tissue on both sides of x = 5 mm; keep one side with region" in refuse(scene)
+
+
+def test_a_render_surface_that_is_damaged(scene):
+    (scene.parent / "face.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1/1 2/1 9/1\n")
+    edit(scene, "[boundary]", '[[surfaces]]\nname = "face"\nfile = "face.obj"\n\n[boundary]')
+    line = refuse(scene)
+    assert "face.obj" in line and "names" in line
+
+
+def test_a_file_of_ligaments_that_is_none(scene):
+    (scene.parent / "lines.txt").write_text("1 2 3\n4 five 6\n")
+    entry = 'ligaments = [{ name = "a", file = "lines.txt", radius = 1 }]'
+    edit(scene, "[boundary]", f"[boundary]\n{entry}")
+    line = refuse(scene)
+    assert "lines.txt: cannot be read as lines" in line
+
+
 def test_no_such_device(scene):
     assert "opencl:77" in refuse(scene, "--device", "opencl:77")

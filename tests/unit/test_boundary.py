@@ -8,6 +8,7 @@ import trimesh
 
 import tledface as tf
 from test_build import MATERIAL, box, export
+from tledface import _core
 from tledface.boundary import bone_names
 from tledface.build import BuildWarning, build_model
 from tledface.errors import InputError
@@ -165,6 +166,20 @@ def test_a_bone_behind_another_does_not_slide(tmp_path):
     assert along[2] == along[1] - {9, 10, 11}
 
 
+def test_segments_meet_surfaces_as_by_force():
+    """The tree's answer is that of every triangle, for segments long, short, along axes."""
+    rng = np.random.default_rng(0)
+    parts = [ball(1.0, 3, [0, 0, 0]), ball(0.4, 2, [1.5, 0.2, 0])]
+    starts, ends = rng.uniform(-2, 2, (2, 300, 3))
+    ends[:100] = starts[:100] + 0.3 * (ends[:100] - starts[:100])
+    ends[100:150, 1:] = starts[100:150, 1:]
+    meshes = [(part.vertices, part.faces) for part in parts]
+    got = _core.segments_meet(meshes, starts, ends)
+    expected = crossed(starts, ends, parts[0].triangles) | crossed(starts, ends, parts[1].triangles)
+    np.testing.assert_array_equal(got, expected)
+    assert 60 < expected.sum() < 240
+
+
 def test_reach_boxes_and_excluded_boxes(tmp_path):
     everywhere = build(tmp_path, boundary={"sliding": ["skull"]}).sliding
     z = CENTRE[2]
@@ -320,7 +335,7 @@ def test_nodes_lie_exactly_on_a_plane_of_symmetry(tmp_path, side):
     (high if side == "below" else low)[0] = 0.0
     plane = [{"axis": "x", "at": 0}]
     model = build(
-        tmp_path, boundary={"symmetry": plane, "sliding": ["bones"]}, region=[low, high], voxel=0.9
+        tmp_path, boundary={"symmetry": plane, "sliding": ["bones"]}, region=[low, high], voxel=0.8
     )
     held = np.flatnonzero(model.fixed[:, 0])
     assert (model.nodes[held, 0] == 0.0).all() and len(held) > 100
@@ -496,6 +511,38 @@ def test_all_of_it_survives_the_model_file(tmp_path):
     assert again.report["warnings"] == []
 
 
+def test_files_of_the_version_before_load_and_damage_is_named(tmp_path):
+    import h5py
+
+    model = tf.Model.block((2, 2, 2), (2e-3, 2e-3, 2e-3), SOFT)
+    path = tmp_path / "m.h5"
+    model.save(path)
+
+    def change(**attributes):
+        with h5py.File(path, "a") as file:
+            file.attrs.update(attributes)
+
+    change(version=1)
+    old = tf.Model.load(path)
+    assert old.n_elements == 8 and len(old.sliding) == 0 and old.groups == [] and old.report == {}
+    change(version=3)
+    with pytest.raises(InputError, match="version 3, this tledface reads versions 1 to 2; build"):
+        tf.Model.load(path)
+    model.slide(lambda X: X[:, 2] < 1e-9, floor())
+    for key, value, word in (
+        ("nodes", np.arange(20, 29), "node or a surface that is not there"),
+        ("surface", np.full(9, 1), "node or a surface that is not there"),
+        ("distance", np.zeros(8), "different lengths"),
+    ):
+        model.save(path)
+        with h5py.File(path, "a") as file:
+            del file["sliding"][key]
+            file["sliding"][key] = value
+        with pytest.raises(InputError, match=word) as caught:
+            tf.Model.load(path)
+        assert str(path) in str(caught.value)
+
+
 # -- anatomy -------------------------------------------------------------------------------------
 
 
@@ -544,7 +591,7 @@ def crossed(starts, ends, triangles):
         run = end - start
         across = np.cross(run, ac)
         det = np.einsum("ij,ij->i", ab, across)
-        det[det == 0.0] = np.inf
+        det[det == 0.0] = np.nan  # parallel: no comparison holds
         u = np.einsum("ij,ij->i", start - a, across) / det
         turned = np.cross(start - a, ab)
         v = turned @ run / det

@@ -236,6 +236,7 @@ def test_render_verb_draws_a_run(tmp_path):
         (["empty", "--cut", "x=0"], "a run's folder, which has no tissues"),
         (["m.h5", "-o", "none/p"], "there is no folder"),
         (["skin.stl"], "not an HDF5 file"),
+        (["brow.toml"], "is a scene; `tledface build brow.toml -o MODEL.h5` makes a model"),
     ],
 )
 def test_render_refuses_in_one_line(tmp_path, monkeypatch, arguments, words):
@@ -276,6 +277,7 @@ def test_check_and_build_say_what_binds_nodes(tmp_path, monkeypatch):
     for source in ("s.toml", "s.h5"):
         checked = call("check", source, "--device", "native")
         assert checked.exit_code == 0, checked.output
+        assert f"{source}: valid" in checked.stdout
         assert "90 sliding" in checked.stdout and "bone: 90 nodes (sliding)" in checked.stdout
         assert "9 nodes bound twice, by fixed[0] and sliding: rigid" in checked.stdout
         assert "they are free" in checked.stderr

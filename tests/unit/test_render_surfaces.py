@@ -123,7 +123,9 @@ def test_obj_files_of_every_corner_pattern(tmp_path):
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "names vertex 4 of 3"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2\n", "face 0 has 2 corners"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 0 1 2\n", "vertex 0; OBJ counts from 1"),
-        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -9\n", "names vertex"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 -9\n", "names what is not there"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4294967299\n", "names what is not there"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/-2 3/1\n", "names what is not there"),
         ("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nf 1/1 2/2 3/1\n", "texture coordinate 2 of 1"),
         ("v 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "needs 3 numbers"),
         ("v 0 0 x\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "cannot be read as OBJ"),
@@ -139,6 +141,43 @@ def test_bad_files_are_one_clear_line(tmp_path, text, pattern):
     with pytest.raises(InputError, match=pattern) as caught:
         read_polygons(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("ending", ["obj", "off"])
+def test_damaged_text_is_refused_or_read(tmp_path, crate, ending):
+    """Bytes changed, lines dropped, doubled or cut: an InputError of one line, or a surface."""
+    text = CUBE
+    if ending == "off":
+        write_surface(tmp_path / "c.off", *read_polygons(crate))
+        text = (tmp_path / "c.off").read_text()
+    rng = np.random.default_rng(0)
+    path, read = tmp_path / f"d.{ending}", 0
+    for _ in range(400):
+        lines = text.splitlines()
+        for _ in range(rng.integers(1, 4)):
+            where = int(rng.integers(len(lines)))
+            line, kind = lines[where], rng.integers(5)
+            spot = int(rng.integers(len(line) + 1))
+            if kind == 0:
+                lines[where] = line[:spot] + chr(rng.integers(32, 127)) + line[spot + 1 :]
+            elif kind == 1:
+                lines[where] = line[:spot]
+            elif kind == 2:
+                lines.insert(where, line)
+            elif kind == 3 and len(lines) > 1:
+                del lines[where]
+            else:
+                lines[where] = line + " -7/99/ 1e999"
+        path.write_text("\n".join(lines))
+        try:
+            vertices, polygons = read_polygons(path)
+        except InputError as error:
+            assert "\n" not in str(error) and str(path) in str(error)
+            continue
+        read += 1
+        assert np.isfinite(vertices).all()
+        assert polygons.triangles().max() < len(vertices) and polygons.triangles().min() >= 0
+    assert 20 < read < 390
 
 
 def test_other_formats_keep_vertex_order_and_polygons(tmp_path, crate):

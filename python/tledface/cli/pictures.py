@@ -56,6 +56,11 @@ def render(
             )
         with spinner("drawing", quiet=quiet or json):
             files = run_pictures(source, output, views=view)
+    elif source.suffix.lower() == ".toml":
+        raise InputError(
+            f"render {source}: is a scene; `tledface build {source} -o MODEL.h5` makes a model to "
+            "draw"
+        )
     else:
         with spinner("drawing", quiet=quiet or json):
             files = model_pictures(Model.load(source), output, views=view, cuts=cuts)

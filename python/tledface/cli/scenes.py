@@ -63,7 +63,7 @@ def check(
     from tledface.check import check_scene
 
     loaded, model = _scene_or_model(scene)
-    found = check_scene(loaded, device=device, quiet=quiet or json, model=model)
+    found = check_scene(loaded, device=device, quiet=quiet or json, model=model, name=str(scene))
     give(found.text(), found.to_dict(), as_json=json, quiet=quiet)
 
 

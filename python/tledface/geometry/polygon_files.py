@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import chain
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ __all__ = ["read_polygons"]
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_MAX_INDEX = 2**31 - 1
 _LABEL_WORDS = {"o": "object", "g": "group", "usemtl": "material"}
 
 
@@ -85,56 +86,89 @@ def _numbers(tokens: list[str], columns: int) -> Floats:
 
 
 def _parse_obj(text: str) -> tuple[Floats, Polygons]:
-    vertices: list[str] = []
-    texture: list[str] = []
-    n_vertices = n_texture = n_normals = 0
-    corners: list[list[str]] = []
-    # How many vertices, texture coordinates and normals there were: negative indices count back.
-    seen: list[tuple[int, int, int]] = []
+    vertices: list[Floats] = []
+    texture: list[Floats] = []
+    n_vertices = n_texture = n_normals = n_faces = 0
+    sizes: list[NDArray[np.int32]] = []
+    corners: list[Ints] = []
     libraries: list[str] = []
-    current: dict[str, int] = {}
     names: dict[str, dict[str, int]] = {}
     label_runs: dict[str, list[tuple[int, int]]] = {}
-    for line in text.replace("\\\n", " ").splitlines():
-        words = line.split()
-        if not words or words[0][0] == "#":
-            continue
-        word = words[0]
+    # Files have long runs of lines of one kind, which are read at once.
+    lines = text.replace("\\\n", " ").splitlines()
+    for word, run in itertools.groupby(lines, _first_word):
         if word == "v":
-            vertices += _exactly(words, 3)
-            n_vertices += 1
+            vertices.append(_rows([*run], word, 3))
+            n_vertices += len(vertices[-1])
         elif word == "vt":
-            texture += words[1:3] if len(words) > 2 else [*_exactly(words, 1), "0"]
-            n_texture += 1
+            texture.append(_rows([*run], word, 2, short=True))
+            n_texture += len(texture[-1])
         elif word == "vn":
-            n_normals += 1
+            n_normals += sum(1 for _ in run)
         elif word == "f":
-            corners.append(words[1:])
-            seen.append((n_vertices, n_texture, n_normals))
+            rows = [*run]
+            words = " ".join(rows).split()
+            each, left_over = divmod(len(words), len(rows))
+            if left_over or words[::each].count("f") != len(rows):
+                split = [row.split()[1:] for row in rows]
+                sizes.append(np.fromiter(map(len, split), np.int32, len(split)))
+                words = list(itertools.chain.from_iterable(split))
+            else:
+                sizes.append(np.full(len(rows), each - 1, dtype=np.int32))
+                del words[::each]
+            index = _corner_indices(words)
+            # Negative indices count back from what there is by now.
+            before = np.array([n_vertices, n_texture, n_normals])
+            if (index < -before).any() or (np.abs(index) > _MAX_INDEX).any():
+                raise ValueError("a face names what is not there")
+            index = np.where(index < 0, index + before, index - 1)
+            corners.append(index)
+            n_faces += len(rows)
         elif word in _LABEL_WORDS:
             kind = _LABEL_WORDS[word]
-            name = " ".join(words[1:])
-            known = names.setdefault(kind, {})
-            current[kind] = known.setdefault(name, len(known))
-            label_runs.setdefault(kind, []).append((len(corners), current[kind]))
+            for line in run:
+                known = names.setdefault(kind, {})
+                label = known.setdefault(" ".join(line.split()[1:]), len(known))
+                label_runs.setdefault(kind, []).append((n_faces, label))
         elif word == "mtllib":
-            libraries.append(" ".join(words[1:]))
-    sizes = np.fromiter(map(len, corners), np.int32, len(corners))
-    index = _corner_indices(list(chain.from_iterable(corners)))
-    before = np.repeat(np.array(seen, dtype=np.int64).reshape(-1, 3), sizes, axis=0)
-    index = np.where(index < 0, index + before, index - 1)
-    has_uv, has_normals = bool((index[:, 1] >= 0).any()), bool((index[:, 2] >= 0).any())
+            libraries += [" ".join(line.split()[1:]) for line in run]
+    table = np.concatenate([*corners, np.empty((0, 3), dtype=np.int64)])
+    has_uv, has_normals = bool((table[:, 1] >= 0).any()), bool((table[:, 2] >= 0).any())
     polygons = Polygons(
-        sizes,
-        index[:, 0].astype(np.int32),
-        uv=_numbers(texture, 2) if has_uv else None,
-        uv_of=index[:, 1].astype(np.int32) if has_uv else None,
-        normal_of=index[:, 2].astype(np.int32) if has_normals else None,
+        np.concatenate([*sizes, np.empty(0, dtype=np.int32)]),
+        table[:, 0].astype(np.int32),
+        uv=np.concatenate([*texture, np.empty((0, 2))]) if has_uv else None,
+        uv_of=table[:, 1].astype(np.int32) if has_uv else None,
+        normal_of=table[:, 2].astype(np.int32) if has_normals else None,
         n_normals=n_normals if has_normals else 0,
-        labels={kind: _labels(names[kind], runs, len(sizes)) for kind, runs in label_runs.items()},
+        labels={kind: _labels(names[kind], runs, n_faces) for kind, runs in label_runs.items()},
         library=" ".join(libraries),
     )
-    return _numbers(vertices, 3), polygons
+    return np.concatenate([*vertices, np.empty((0, 3))]), polygons
+
+
+def _first_word(line: str) -> str:
+    return line[: line.find(" ")] if line[:1].isalpha() and " " in line else _slow_word(line)
+
+
+def _slow_word(line: str) -> str:
+    words = line.split(None, 1)
+    return words[0] if words else ""
+
+
+def _rows(lines: list[str], word: str, columns: int, *, short: bool = False) -> Floats:
+    """The first numbers of each line, (n, columns); with ``short`` a missing one is 0."""
+    words = " ".join(lines).split()
+    each, left_over = divmod(len(words), len(lines))
+    if left_over or each <= columns or words[::each].count(word) != len(lines):
+        rows = [line.split() for line in lines]
+        if short:
+            rows = [row if len(row) > columns else [*row, "0"] for row in rows]
+        words = [number for row in rows for number in _exactly(row, columns)]
+    else:
+        words = [number for n in range(columns) for number in words[n + 1 :: each]]
+        return np.fromiter(map(float, words), np.float64, len(words)).reshape(columns, -1).T
+    return _numbers(words, columns)
 
 
 def _exactly(words: list[str], count: int) -> list[str]:
@@ -183,12 +217,16 @@ def _parse_off(text: str) -> tuple[Floats, Polygons]:
     n_vertices, n_faces = int(head[0]), int(head[1])
     if n_vertices < 0 or n_faces < 0 or len(body) < n_vertices + n_faces:
         raise ValueError(f"{len(body)} lines for {n_vertices} vertices and {n_faces} faces")
-    points = list(chain.from_iterable(_exactly(["v", *row], 3) for row in body[:n_vertices]))
+    points = list(
+        itertools.chain.from_iterable(_exactly(["v", *row], 3) for row in body[:n_vertices])
+    )
     faces = body[n_vertices : n_vertices + n_faces]
     sizes = np.fromiter((int(row[0]) for row in faces), np.int32, n_faces)
     corners = [_exactly(row, int(row[0])) for row in faces]
-    flat = list(chain.from_iterable(corners))
-    return _numbers(points, 3), Polygons(sizes, np.fromiter(map(int, flat), np.int32, len(flat)))
+    flat = list(map(int, itertools.chain.from_iterable(corners)))
+    if flat and max(flat) > _MAX_INDEX:
+        raise ValueError("a face names what is not there")
+    return _numbers(points, 3), Polygons(sizes, np.array(flat, dtype=np.int32))
 
 
 def _of_parts(path: Path) -> tuple[Floats, Polygons]:

@@ -61,13 +61,12 @@ def write_surface(path: str | Path, vertices: ArrayLike, faces: ArrayLike | Poly
 def _write_obj(file: TextIO, vertices: NDArray[Any], polygons: Polygons) -> None:
     if polygons.library:
         file.write(f"mtllib {polygons.library}\n")
-    np.savetxt(file, vertices, "v %.9g %.9g %.9g")
+    _write_rows(file, "v %.9g %.9g %.9g\n", vertices)
     if polygons.uv is not None:
-        np.savetxt(file, polygons.uv, "vt %.9g %.9g")
+        _write_rows(file, "vt %.9g %.9g\n", polygons.uv)
     if polygons.normal_of is not None:
-        np.savetxt(file, polygons.corner_normals(vertices), "vn %.6f %.6f %.6f")
+        _write_rows(file, "vn %.6f %.6f %.6f\n", polygons.corner_normals(vertices))
     words = _corner_words(polygons)
-    starts = polygons.starts.tolist()
     changes: dict[int, list[str]] = {}
     for kind in ("object", "group", "material"):
         labels = polygons.labels.get(kind)
@@ -77,23 +76,28 @@ def _write_obj(file: TextIO, vertices: NDArray[Any], polygons: Polygons) -> None
         for polygon in changed.tolist():
             name = labels.names[labels.of[polygon]]
             changes.setdefault(polygon, []).append(f"{_OBJ_WORDS[kind]} {name}\n")
-    for polygon in range(len(polygons.sizes)):
+    for polygon, (first, end) in enumerate(itertools.pairwise(polygons.starts.tolist())):
         if polygon in changes:
             file.writelines(changes[polygon])
-        file.write(f"f {' '.join(words[starts[polygon] : starts[polygon + 1]])}\n")
+        file.write(f"f {' '.join(words[first:end])}\n")
+
+
+def _write_rows(file: TextIO, form: str, values: NDArray[Any]) -> None:
+    file.writelines(form % row for row in map(tuple, values.tolist()))
 
 
 def _corner_words(polygons: Polygons) -> list[str]:
     """The corners as OBJ writes them: "1", "1/2", "1//3", "1/2/3"."""
-    words = [str(index) for index in (polygons.vertex + 1).tolist()]
-    uv = None if polygons.uv_of is None else (polygons.uv_of + 1).tolist()
-    normal = None if polygons.normal_of is None else (polygons.normal_of + 1).tolist()
-    for corner in range(len(words)) if uv is not None or normal is not None else ():
-        second = uv[corner] if uv is not None else 0
-        third = normal[corner] if normal is not None else 0
-        if second or third:
-            words[corner] += f"/{second or ''}" + (f"/{third}" if third else "")
-    return words
+    vertex = (polygons.vertex + 1).tolist()
+    none = [0] * len(vertex)
+    uv = none if polygons.uv_of is None else (polygons.uv_of + 1).tolist()
+    normal = none if polygons.normal_of is None else (polygons.normal_of + 1).tolist()
+    if uv is none and normal is none:
+        return [str(index) for index in vertex]
+    return [
+        f"{v}/{t or ''}/{n}" if n else f"{v}/{t}" if t else f"{v}"
+        for v, t, n in zip(vertex, uv, normal, strict=True)
+    ]
 
 
 def _write_ply(file: BinaryIO, vertices: NDArray[Any], polygons: Polygons) -> None:

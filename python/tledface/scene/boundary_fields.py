@@ -10,14 +10,13 @@ from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 from tledface import units
 from tledface.errors import InputError
 from tledface.scene.fields import (
-    _LENGTH_SCHEMA,
     JsonSchema,
     Vector,
     _bare_factor,
     _field,
     _list_of_three,
     _quantity,
-    _read_point,
+    _quantity_schema,
     _vector_schema,
 )
 
@@ -41,11 +40,15 @@ def _read_open_box(value: Any, info: ValidationInfo) -> OpenBoxValue:
 
 def _read_open_point(value: Any, info: ValidationInfo, what: str) -> Vector:
     x, y, z = (
-        part
-        if isinstance(part, float) and math.isinf(part)
-        else units.parse(part, "length", bare=_bare_factor("length", info))
+        part if isinstance(part, float) and math.isinf(part) else _read_position(part, info)
         for part in _list_of_three(value, what)
     )
+    return x, y, z
+
+
+def _read_point(value: Any, info: ValidationInfo) -> Vector:
+    parts = _list_of_three(value, "three lengths, as [0, 0, 4.5]")
+    x, y, z = (_read_position(part, info) for part in parts)
     return x, y, z
 
 
@@ -77,6 +80,7 @@ def _read_axis(value: Any, info: ValidationInfo) -> str:
     return str(value)
 
 
+_LENGTH_SCHEMA = _quantity_schema("length", "in the scene's units")
 _NUMBER_OR_INF = {"anyOf": _LENGTH_SCHEMA["anyOf"], "description": "a length, or -inf or inf"}
 _OPEN_BOX_SCHEMA: JsonSchema = {
     "type": "array",
