@@ -126,8 +126,7 @@ class ConditionsMixin:
 
         Components held or prescribed stay so (a symmetry plane that meets a bone), but a node of
         which all three are is released from them: the last call holds. Nodes that slide elsewhere
-        change over. This version stores sliding nodes and does not simulate them: `Simulator`
-        leaves them free, with a warning.
+        change over.
 
         Example: ``model.slide(lambda X: X[:, 2] < 1e-6, trimesh.load("bone.stl"))``
         """

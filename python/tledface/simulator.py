@@ -73,7 +73,7 @@ class Simulator(Results):
     Raises:
         InputError: a value out of range, a ``dt`` above the bound, no such device.
 
-    Sliding nodes are free in this version: a model that has some gives a `SlidingWarning`.
+    Sliding nodes keep their distances to their surfaces, without friction, in every step.
     """
 
     def __init__(

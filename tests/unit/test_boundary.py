@@ -1,7 +1,5 @@
 """Which nodes a scene holds and lets slide: boxes, cuts, attachments, ligaments, symmetry, bone."""
 
-import warnings
-
 import numpy as np
 import pytest
 import trimesh
@@ -14,7 +12,6 @@ from tledface.build import BuildWarning, build_model
 from tledface.errors import InputError
 from tledface.geometry.lines import near_lines, read_lines
 from tledface.scene import Scene
-from tledface.sliding import SlidingWarning
 
 INF = float("inf")
 SOFT = tf.material("neo_hookean", youngs_modulus=34e3, poissons_ratio=0.49, density=1100.0)
@@ -475,15 +472,15 @@ def test_slide_from_python_keeps_distances_and_the_last_call_holds():
             model.slide(bottom, surface)
 
 
-def test_a_simulation_says_that_sliding_nodes_are_free():
+def test_a_simulation_keeps_what_the_scene_lets_slide():
     model = tf.Model.block((2, 2, 2), (2e-3, 2e-3, 2e-3), SOFT)
     model.slide(lambda X: X[:, 2] < 1e-9, floor())
-    with pytest.warns(SlidingWarning, match=r"9 of 27 nodes slide on surface 1: .* they are free"):
-        tf.Simulator(model, device="native")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        model.fix(lambda X: X[:, 2] < 1e-9)
-        tf.Simulator(model, device="native")
+    model.gravity = (3.0, 0.0, 9.81)
+    sim = tf.Simulator(model, device="native", precision="double")
+    sim.step(50)
+    bottom = model.sliding.nodes
+    assert abs(sim.u[bottom, 2]).max() < 1e-15 and sim.u[bottom, 0].min() > 1e-9
+    assert sim.reaction(lambda X: X[:, 2] < 1e-9)[2] < 0.0  # it holds the body down
 
 
 def test_all_of_it_survives_the_model_file(tmp_path):

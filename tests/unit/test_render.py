@@ -251,7 +251,6 @@ def test_render_refuses_in_one_line(tmp_path, monkeypatch, arguments, words):
     assert len(lines) == 1 and words in lines[0]
 
 
-@pytest.mark.filterwarnings("default::tledface.sliding.SlidingWarning")
 def test_check_and_build_say_what_binds_nodes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scene = scene_of(tmp_path)

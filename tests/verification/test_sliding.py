@@ -157,8 +157,15 @@ def test_a_slope_pushes_with_its_normal(figure):
     info = sim.relax(1e-6, 100_000)
     assert info.converged, info
     weight = 1100.0 * model.volumes.sum() * 9.81
-    figure("plane's reaction over weight x cos", sim.reaction(lower)[2] / weight, np.cos(angle), rel=1e-4)
-    figure("stop's reaction over weight x sin", -sim.reaction(end)[0] / weight, np.sin(angle), rel=1e-4)
+    figure(
+        "plane's reaction over weight x cos",
+        sim.reaction(lower)[2] / weight,
+        np.cos(angle),
+        rel=1e-4,
+    )
+    figure(
+        "stop's reaction over weight x sin", -sim.reaction(end)[0] / weight, np.sin(angle), rel=1e-4
+    )
 
 
 def test_a_plane_of_symmetry_and_a_surface_hold_both():
