@@ -1,4 +1,4 @@
-"""Nodes that slide on surfaces: their distances, the search against brute force, what it leaves alone."""
+"""Nodes that slide on surfaces: their distances, the search against brute force, energy."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def saddle():
 
 
 def box():
-    """Edges and corners: the slab hangs over its sides by 0.2 mm, in the end over two corners too."""
+    """Edges and corners: the slab hangs over its sides by 0.2 mm, in the end over corners too."""
     return trimesh.creation.box((27.6e-3, 5.6e-3, 20e-3)).apply_translation((0, 0, -10e-3))
 
 
@@ -38,7 +38,7 @@ SURFACES = {
 
 def tissue(height, cells=(16, 12, 3)):
     """A slab whose lower side is `height` above the origin, far from 0; mask of that side."""
-    low = FAR + (-cells[0] * H / 2, -cells[1] * H / 2, height)
+    low = FAR + np.array([-cells[0] * H / 2, -cells[1] * H / 2, height])
     block = tf.Model.block(cells, tuple(n * H for n in cells), soft(30e3, 0.45))
     model = tf.Model.from_voxels(
         block.voxel, low, block.cells, block.tissues, block.tissue_materials, block.fractions
