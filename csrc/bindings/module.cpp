@@ -6,6 +6,7 @@
 namespace py = pybind11;
 
 void define_geometry(py::module_& module);
+void define_fibres(py::module_& module);
 void define_devices(py::module_& module);
 void define_simulator(py::module_& module);
 
@@ -14,6 +15,7 @@ PYBIND11_MODULE(_core, module) {
   py::register_exception<tledface::InputError>(module, "InputError", PyExc_ValueError);
   py::register_exception<tledface::SimulationError>(module, "SimulationError", PyExc_RuntimeError);
   define_geometry(module);
+  define_fibres(module);
   define_devices(module);
   define_simulator(module);
 }

@@ -66,6 +66,24 @@ def clean_cells(
     cells: ArrayLike, min_neighbours: int
 ) -> tuple[NDArray[np.bool_], int, list[int]]: ...
 
+# bind_fibres.cpp
+
+def samples_inside(
+    surface: Surface,
+    origin: Sequence[float],
+    voxel: Sequence[float],
+    count: Sequence[int],
+    samples: int,
+) -> tuple[NDArray[np.int32], NDArray[np.uint8]]: ...
+def locate_in_volume(
+    *,
+    degree: Sequence[int],
+    knots: Sequence[Sequence[float]],
+    control: ArrayLike,
+    points: ArrayLike,
+    guesses: ArrayLike,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+
 # bind_devices.cpp
 
 class DeviceInfo:

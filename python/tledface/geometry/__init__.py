@@ -1,6 +1,6 @@
 """Closed surfaces and their voxels: reading, checking, sampling."""
 
-from tledface.geometry.fibres import long_axes
+from tledface.geometry.fibres import fibre_field, long_axes, make_field, mean_fibres, read_curves
 from tledface.geometry.memory import available_memory, check_memory
 from tledface.geometry.surfaces import SurfaceFile, read_surface
 from tledface.geometry.voxels import VoxelSet, section_ratio, voxelise
@@ -10,7 +10,11 @@ __all__ = [
     "VoxelSet",
     "available_memory",
     "check_memory",
+    "fibre_field",
     "long_axes",
+    "make_field",
+    "mean_fibres",
+    "read_curves",
     "read_surface",
     "section_ratio",
     "voxelise",
