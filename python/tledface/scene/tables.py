@@ -21,7 +21,6 @@ from tledface.scene.fields import (
     Box,
     CheckpointEvery,
     Components,
-    Fibre,
     Gravity,
     Length,
     MaterialField,
@@ -38,6 +37,7 @@ from tledface.scene.fields import (
     UnitFraction,
     VoxelSize,
 )
+from tledface.scene.fibres import Fibre
 from tledface.schedule import Constant
 
 __all__ = [
@@ -123,7 +123,8 @@ class MuscleSpec(Table):
     name: Name = Field(examples=["frontalis"])
     surfaces: Paths = Field(examples=[["frontalis_l.obj"]])
     fibre: Fibre = Field(
-        description='fibre direction, or "long-axis" of each surface', examples=[[0, 0, 1]]
+        description="fibre direction, or how the field of fibres follows from each surface",
+        examples=[[0, 0, 1]],
     )
     sigma_act: Pressure = Field(description="active stress at full activation", examples=["5 MPa"])
     sigma_pas: Pressure | None = Field(

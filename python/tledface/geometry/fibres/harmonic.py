@@ -81,13 +81,13 @@ def length_levels(grid: MuscleGrid, options: Fibre) -> Floats:
     potential, zones = _lengthwise(grid, options)
     field = grid.field(grid.recover(potential))
     load = grid.load_of(field.directions(grid.centres))
-    even = grid.solve(load)
+    even = grid.solve(load, guess=potential)
     caps = [
         (cap, float(np.average(grid.at_surface(even)[cap], weights=grid.surface.areas[cap])))
         for cap in _caps(grid, field, zones, float(np.ptp(even)))
         if cap is not None
     ]
-    return grid.solve(load, caps=caps) if caps else even
+    return grid.solve(load, caps=caps, guess=even) if caps else even
 
 
 def _lengthwise(grid: MuscleGrid, options: Fibre) -> tuple[Floats, tuple[Mask, Mask]]:
@@ -200,7 +200,7 @@ def _connected(
             ends[part] = potential[part]
         else:
             caps.append((cap, level))
-    return grid.solve(None, ends, caps)
+    return grid.solve(None, ends, caps, guess=potential)
 
 
 def _caps(

@@ -32,8 +32,8 @@ Mask = NDArray[np.bool_]
 # Samples along a cell's edge: fractions of cut cells to about 1 %.
 _SAMPLES = 4
 # Cells across the typical thickness 2 V / A, and how many there may be in all.
-_CELLS_ACROSS = 4.0
-_MAX_CELLS = 40_000
+_CELLS_ACROSS = 3.0
+_MAX_CELLS = 30_000
 # The part of a cut cell outside the surface counts this much, so that the value of a node with a
 # sliver of muscle is smooth and not noise.
 _OUTSIDE = 1e-2
@@ -42,6 +42,8 @@ _MAX_ITERATIONS = 20_000
 _CELLS_AT_ONCE = 20_000
 # Stiffness of a cap against that of the cells next to it.
 _CAP_STIFFNESS = 20.0
+# Steps towards the first mode; it only begins what is then made harmonic.
+_MODE_STEPS = 8
 # Share of the median flow below which a direction is noise.
 _FLOWS = 1e-3
 # Cells by which a field goes on outside the muscle.
@@ -203,6 +205,8 @@ class MuscleGrid:
         load: Floats | None = None,
         ends: Floats | None = None,
         caps: Sequence[tuple[NDArray[np.bool_], float]] = (),
+        guess: Floats | None = None,
+        tolerance: float = _TOLERANCE,
     ) -> Floats:
         """Return the potential (n,), in units of the spacing, that balances a load.
 
@@ -211,11 +215,14 @@ class MuscleGrid:
             ends: (n,) prescribed values, NaN where there are none; None: nowhere, the mean is 0.
             caps: Parts of the surface, as masks of its points, and the potential's value there;
                 held by a stiff penalty, as the surface lies between the nodes.
+            guess: (n,) to start from.
+            tolerance: Norm of what is left over that of the load.
         """
         load = np.zeros(len(self.nodes)) if load is None else load
+        guess = np.zeros(len(self.nodes)) if guess is None else guess
         matrix = self._stiffness
         if not caps and ends is None:
-            found = _conjugate_gradients(matrix, load - load.mean())
+            found = _conjugate_gradients(matrix, load - load.mean(), guess, tolerance)
             return np.asarray(found - found.mean())
         for part, value in caps:
             at, known = self._shape_at(self.surface.points[part], self.surface.normals[part])
@@ -225,7 +232,7 @@ class MuscleGrid:
         values = np.zeros(len(self.nodes)) if ends is None else np.nan_to_num(ends)
         free = np.flatnonzero(np.isnan(ends)) if ends is not None else np.arange(len(self.nodes))
         right = (load - matrix @ values)[free]
-        values[free] = _conjugate_gradients(matrix[free][:, free], right)
+        values[free] = _conjugate_gradients(matrix[free][:, free], right, guess[free], tolerance)
         return values
 
     def load_of(self, field: Floats) -> Floats:
@@ -262,15 +269,14 @@ class MuscleGrid:
         weights = self.weights
         mode = self._far_ends()
         before = np.inf
-        for _ in range(12):
+        for _ in range(_MODE_STEPS):
             mode = mode - (weights @ mode) / weights.sum()
             mode /= np.sqrt(weights @ mode**2)
-            mode = self.solve(weights * mode)
-            mode -= (weights @ mode) / weights.sum()
-            quotient = self.energy(mode) / float(weights @ mode**2)
-            if abs(before - quotient) < 1e-3 * quotient:
+            quotient = self.energy(mode)
+            if abs(before - quotient) < 1e-2 * quotient:
                 break
             before = quotient
+            mode = self.solve(weights * mode, guess=mode / quotient, tolerance=1e-3)
         return mode
 
     def recover(self, potential: Floats, field: Floats | None = None) -> Floats:
@@ -388,16 +394,18 @@ def _largest_part(corners: Ints, n_nodes: int, volume: NDArray[np.integer]) -> t
     return part == main, 1.0 - float(held[main] / held.sum())
 
 
-def _conjugate_gradients(matrix: sparse.csr_array, right: Floats) -> Floats:
+def _conjugate_gradients(
+    matrix: sparse.csr_array, right: Floats, guess: Floats, tolerance: float
+) -> Floats:
     """Solve with the diagonal as preconditioner, summing in an order that threads do not change.
 
     SciPy's own leaves the products to the BLAS, which adds in another order for each number of
     threads and here waits longer for its threads than it computes.
     """
     inverse = 1.0 / np.maximum(np.asarray(matrix.diagonal()), 1e-300)
-    found = np.zeros_like(right)
-    left = right.copy()
-    wanted = _TOLERANCE**2 * _dot(right, right)
+    found = guess.copy()
+    left = right - matrix @ guess
+    wanted = tolerance**2 * _dot(right, right)
     step = scaled = inverse * left
     steepness = _dot(left, scaled)
     for _ in range(_MAX_ITERATIONS):
