@@ -124,7 +124,9 @@ def make_fibre(kind: Any, options: Mapping[str, Any] | None = None) -> Fibre:
     start, end = (_end(given[key], key) if key in given else None for key in ("from", "to"))
     if kind == "sheet":
         _check_sheet(start, end)
-    elif isinstance(start, AlongEnd) != isinstance(end, AlongEnd) or (start is None) != (end is None):
+    elif isinstance(start, AlongEnd) != isinstance(end, AlongEnd) or (start is None) != (
+        end is None
+    ):
         missing = "to" if end is None else "from"
         raise InputError(f"{missing}: missing; allowed: both from and to, or neither")
     axis = _direction(given["axis"], "axis") if "axis" in given else None
@@ -182,7 +184,7 @@ def _check_sheet(start: End | None, end: End | None) -> None:
     one_of_two = (start is None) != (end is None)
     if one_of_two and not isinstance(end if start is None else start, AlongEnd):
         missing = "to" if end is None else "from"
-        raise InputError(f"{missing}: missing; one end alone must be a direction, as to = \"+z\"")
+        raise InputError(f'{missing}: missing; one end alone must be a direction, as to = "+z"')
     if isinstance(start, AlongEnd) and isinstance(end, AlongEnd):
         between = np.subtract(end.direction, start.direction)
         if np.linalg.norm(between) < 1e-6:

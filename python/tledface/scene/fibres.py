@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 
-from tledface import units
 from tledface import fibre_kinds as kinds
+from tledface import units
 from tledface.errors import InputError
 from tledface.scene.fields import (
     _BOX_SCHEMA,

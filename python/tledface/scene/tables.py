@@ -16,6 +16,7 @@ from pydantic import (
 )
 
 from tledface.errors import InputError
+from tledface.scene.fibres import Fibre
 from tledface.scene.fields import (
     Activation,
     Box,
@@ -37,7 +38,6 @@ from tledface.scene.fields import (
     UnitFraction,
     VoxelSize,
 )
-from tledface.scene.fibres import Fibre
 from tledface.schedule import Constant
 
 __all__ = [

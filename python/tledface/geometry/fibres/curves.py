@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 
@@ -14,7 +15,7 @@ from tledface.errors import InputError
 from tledface.geometry.fibres.ends import polyline_points
 from tledface.geometry.fibres.potential import GridField, MuscleGrid
 
-__all__ = ["CURVE_FORMATS", "curve_field", "read_curves"]
+__all__ = ["CURVE_FORMATS", "check_curves", "curve_field", "read_curves"]
 
 Floats = NDArray[np.float64]
 
@@ -55,16 +56,24 @@ def read_curves(path: str | Path, *, unit_scale: float = 1.0) -> list[Floats]:
     except (ValueError, IndexError, OSError, EOFError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: cannot be read as curves ({reason})") from None
-    if not curves:
-        raise InputError(f"{path}: no curve in it; give lines of at least two points")
+    return [unit_scale * curve for curve in check_curves(curves, str(path))]
+
+
+def check_curves(curves: Sequence[ArrayLike], name: str) -> list[Floats]:
+    """Curves (n, 3) without repeated points; raises InputError as `read_curves` does."""
+    if not len(curves):
+        raise InputError(f"{name}: no curve in it; give lines of at least two points")
     result = []
-    for number, curve in enumerate(curves):
+    for number, given in enumerate(curves):
+        curve = np.asarray(given, dtype=np.float64)
+        if curve.ndim != 2 or curve.shape[1] != 3:
+            raise InputError(f"{name}: curve {number} has shape {curve.shape}; need (n, 3) points")
         if not np.isfinite(curve).all():
-            raise InputError(f"{path}: curve {number} has a point that is not finite")
-        moves = np.r_[True, np.linalg.norm(np.diff(curve, axis=0), axis=1) > 0.0]
+            raise InputError(f"{name}: curve {number} has a point that is not finite")
+        moves = np.r_[True, np.linalg.norm(np.diff(curve, axis=0), axis=1) > 0.0][: len(curve)]
         if moves.sum() < 2:
-            raise InputError(f"{path}: curve {number} has no length; give two points or more")
-        result.append(unit_scale * curve[moves])
+            raise InputError(f"{name}: curve {number} has no length; give two points or more")
+        result.append(curve[moves])
     return result
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -62,7 +64,7 @@ def end_nodes(grid: MuscleGrid, end: BoxEnd | CurveEnd, key: str) -> Mask:
 def polyline_points(corners: Floats, spacing: float) -> Floats:
     """Points (n, 3) along a polyline, no farther apart than ``spacing``, corners included."""
     points = [corners[:1]]
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b in pairwise(corners):
         count = max(1, int(np.ceil(np.linalg.norm(b - a) / spacing)))
         points.append(a + np.linspace(0.0, 1.0, count + 1)[1:, None] * (b - a))
     return np.concatenate(points)

@@ -13,7 +13,7 @@ from tledface import _core
 from tledface.errors import InputError
 from tledface.fibre_kinds import Fibre, make_fibre
 from tledface.geometry.fibres.axes import long_axes
-from tledface.geometry.fibres.curves import curve_field, read_curves
+from tledface.geometry.fibres.curves import check_curves, curve_field, read_curves
 from tledface.geometry.fibres.harmonic import sheet_field, sphincter_field, spindle_field
 from tledface.geometry.fibres.nurbs import fit_volume
 from tledface.geometry.fibres.potential import MuscleGrid
@@ -58,7 +58,10 @@ class VoxelFibres:
 
 
 def make_field(
-    solid: _core.Surface, fibre: Fibre | Sequence[float] | str, *, unit_scale: float = 1.0
+    solid: _core.Surface,
+    fibre: Fibre | Sequence[float] | Floats | str,
+    *,
+    unit_scale: float = 1.0,
 ) -> FibreField:
     """Return the fibre field of a closed surface.
 
@@ -102,7 +105,7 @@ def fibre_field(
         points: (n, 3) m; outside the surface the direction is that of the muscle nearby.
         **options: Of the kind, lengths in m: ``start`` and ``to`` (the ends: ``"+z"``, a direction,
             ``{"box": ...}``, ``{"points": ..., "reach": ...}``), ``axis``, ``centre``, ``degree``,
-            ``curves`` (files, or arrays (n, 3)).
+            ``curves`` (files, in metres, or a list of arrays (n, 3)).
 
     Returns:
         (n, 3) unit vectors, all of one sense along the muscle.
@@ -124,6 +127,8 @@ def fibre_field(
         field = make_field(solid, direction)
     elif kind == "long-axis":
         field = make_field(solid, kind)
+    elif kind == "curves" and _holds_arrays(options.get("curves")):
+        field = curve_field(MuscleGrid(solid), check_curves(options["curves"], "curves"))
     else:
         given = {"from" if key == "start" else key: value for key, value in options.items()}
         field = make_field(solid, make_fibre(kind, given))
@@ -220,6 +225,10 @@ def _in_parts(field: FibreField, points: Floats) -> Floats:
     starts = range(0, len(points), _POINTS_AT_ONCE)
     parts = [field.directions(points[start : start + _POINTS_AT_ONCE]) for start in starts]
     return np.concatenate(parts) if parts else np.zeros((0, 3))
+
+
+def _holds_arrays(curves: Any) -> bool:
+    return isinstance(curves, list | tuple) and any(isinstance(c, np.ndarray) for c in curves)
 
 
 def _solid(surface: Any) -> _core.Surface:

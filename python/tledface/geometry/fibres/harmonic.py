@@ -22,7 +22,7 @@ from scipy import ndimage
 
 from tledface import _core
 from tledface.errors import InputError
-from tledface.fibre_kinds import AlongEnd, End, Fibre
+from tledface.fibre_kinds import AlongEnd, BoxEnd, CurveEnd, End, Fibre
 from tledface.geometry.fibres.ends import end_nodes, end_values
 from tledface.geometry.fibres.potential import GridField, MuscleGrid
 
@@ -65,8 +65,7 @@ def spindle_field(grid: MuscleGrid, options: Fibre) -> GridField:
 def sheet_field(grid: MuscleGrid, options: Fibre) -> GridField:
     """Fibres between two edges of a sheet, or towards a direction, tangent to the sheet."""
     start, end = options.start, options.end
-    given = start is not None and end is not None
-    if given and not isinstance(start, AlongEnd) and not isinstance(end, AlongEnd):
+    if isinstance(start, BoxEnd | CurveEnd) and isinstance(end, BoxEnd | CurveEnd):
         return grid.field(grid.recover(length_potential(grid, options)))
     return grid.field(grid.recover(_towards(grid, start, end)))
 
@@ -93,7 +92,7 @@ def length_levels(grid: MuscleGrid, options: Fibre) -> Floats:
 def _lengthwise(grid: MuscleGrid, options: Fibre) -> tuple[Floats, tuple[Mask, Mask]]:
     """The harmonic potential (n,), and the nodes near its two ends."""
     start, end = options.start, options.end
-    if start is not None and end is not None and not isinstance(start, AlongEnd):
+    if isinstance(start, BoxEnd | CurveEnd) and isinstance(end, BoxEnd | CurveEnd):
         return _between(grid, start, end)
     mode = grid.slowest_mode()
     weights = grid.weights
@@ -131,7 +130,9 @@ def sphincter_field(grid: MuscleGrid, options: Fibre) -> GridField:
     offset = plane - centre
     distance2 = np.einsum("msk,msk->ms", offset, offset)
     if distance2[inside].min() < (0.5 * grid.spacing) ** 2:
-        raise _no_hole(grid, axis, frame.T @ [*centre, float(frame[2] @ points[inside].mean(axis=0))])
+        raise _no_hole(
+            grid, axis, frame.T @ [*centre, float(frame[2] @ points[inside].mean(axis=0))]
+        )
     gap = _gap(np.arctan2(offset[..., 1], offset[..., 0])[inside])
     if gap is not None:
         return grid.field(grid.recover(_along_open_ring(grid, frame, centre, gap)))
@@ -145,7 +146,9 @@ def sphincter_field(grid: MuscleGrid, options: Fibre) -> GridField:
     return grid.field(grid.recover(potential, turn))
 
 
-def _between(grid: MuscleGrid, start: End, end: End) -> tuple[Floats, tuple[Mask, Mask]]:
+def _between(
+    grid: MuscleGrid, start: BoxEnd | CurveEnd, end: BoxEnd | CurveEnd
+) -> tuple[Floats, tuple[Mask, Mask]]:
     """The potential (n,) between two ends of which no direction is given, and their nodes."""
     zones = end_nodes(grid, start, "from"), end_nodes(grid, end, "to")
     ends = end_values(grid, zones[0], zones[1])
@@ -263,7 +266,9 @@ def _sheet_normals(grid: MuscleGrid) -> Floats:
     cells = tuple(grid.cells.T)
     for a in range(3):
         for b in range(a, 3):
-            flat = np.bincount(keys, surface.areas * normals[:, a] * normals[:, b], int(np.prod(shape)))
+            flat = np.bincount(
+                keys, surface.areas * normals[:, a] * normals[:, b], int(np.prod(shape))
+            )
             smooth = ndimage.gaussian_filter(flat.reshape(shape), sigma, mode="constant")
             tensors[:, a, b] = tensors[:, b, a] = smooth[cells]
     _, vectors = np.linalg.eigh(tensors)
@@ -315,7 +320,7 @@ def _gap(angles: Floats) -> tuple[float, float] | None:
     if not empty.any():
         return None
     first_full = int(np.argmin(empty))
-    runs, count = ndimage.label(np.roll(empty, -first_full))
+    runs, _ = ndimage.label(np.roll(empty, -first_full))
     sizes = np.bincount(runs.reshape(-1))[1:]
     if sizes.max() < _OPEN_BINS:
         return None

@@ -79,7 +79,12 @@ class NurbsField:
 
     def directions(self, points: Floats) -> Floats:
         """Unit dV/du at the parameters of (n, 3) points, m."""
-        _, along, _ = self.locate(points)
+        _, along, left = self.locate(points)
+        # Farther out the volume says nothing: the nearest sample of the muscle does.
+        outside = np.flatnonzero(left > self.spacing**2)
+        if len(outside):
+            _, nearest = self.tree.query(points[outside])
+            _, along[outside], _ = self.locate(self.samples[nearest])
         length = np.linalg.norm(along, axis=1)
         # Only a volume folded onto itself has a point without direction: its neighbour's serves.
         lost = np.flatnonzero(length < 1e-12 * max(float(np.median(length)), 1e-300))
@@ -274,7 +279,7 @@ def _turned(flat: Floats, u: Floats, fine: Floats, place: NDArray[np.int64]) -> 
 
 def _clamped(count: int, degree: int) -> Floats:
     inner = np.linspace(0.0, 1.0, count - degree + 1)
-    return np.r_[[0.0] * degree, inner, [1.0] * degree]
+    return np.concatenate([[0.0] * degree, inner, [1.0] * degree])
 
 
 def _least_squares(

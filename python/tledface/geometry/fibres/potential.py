@@ -56,10 +56,7 @@ def _shape_functions(points: Floats) -> tuple[Floats, Floats]:
     sides = np.where(_CORNERS[None] == 1, points[:, None], 1.0 - points[:, None])
     slopes = np.where(_CORNERS == 1, 1.0, -1.0)
     gradient = np.stack(
-        [
-            slopes[:, axis] * sides[:, :, axis - 1] * sides[:, :, axis - 2]
-            for axis in range(3)
-        ],
+        [slopes[:, axis] * sides[:, :, axis - 1] * sides[:, :, axis - 2] for axis in range(3)],
         axis=2,
     )
     return sides.prod(axis=2), gradient
@@ -323,7 +320,7 @@ class MuscleGrid:
             index, units = _grow(index, units)
         return GridField(self.origin, self.spacing, index, units)
 
-    def _number(self, cells: Ints) -> tuple[Ints, Ints]:
+    def _number(self, cells: NDArray[np.integer]) -> tuple[Ints, Ints]:
         corners = cells[:, None] + _CORNERS
         keys = np.ravel_multi_index(tuple(corners.reshape(-1, 3).T), self.shape)
         unique, inverse = np.unique(keys, return_inverse=True)
