@@ -42,6 +42,8 @@ _MAX_ITERATIONS = 20_000
 _CELLS_AT_ONCE = 20_000
 # Stiffness of a cap against that of the cells next to it.
 _CAP_STIFFNESS = 20.0
+# A node that stands for less muscle (in cells) sees more of the outside.
+_SLIVER = 0.1
 # Steps towards the first mode; it only begins what is then made harmonic.
 _MODE_STEPS = 8
 # Share of the median flow below which a direction is noise.
@@ -149,6 +151,9 @@ class MuscleGrid:
         self._shares = np.where(self.inside == 1, 1.0, _OUTSIDE) / len(_AT)
         self._stiffness = self._assemble(_STIFFNESS)
         self._mass = self._assemble(_MASS)
+        held = (self.inside @ _SHAPE / len(_AT)).reshape(-1)
+        # Muscle that each node stands for, in cells.
+        self._held = np.bincount(self.corners.reshape(-1), held, minlength=len(self.nodes))
 
     @property
     def positions(self) -> Floats:
@@ -301,11 +306,13 @@ class MuscleGrid:
     def field(self, vectors: Floats, unknown: Mask | None = None) -> GridField:
         """Return nodal vectors (n, 3) as a field of directions, carried a few cells outwards.
 
-        Nodes in ``unknown``, and those in blind corners that next to nothing flows through, take
-        the direction of what lies around them.
+        Nodes in ``unknown``, with a sliver of muscle only, and in blind corners that next to
+        nothing flows through take the direction of what lies around them.
         """
         length = np.linalg.norm(vectors, axis=1)
-        good = length > 0.0 if unknown is None else ~unknown & (length > 0.0)
+        good = (length > 0.0) & (self._held > _SLIVER)
+        if unknown is not None and (good & ~unknown).any():
+            good &= ~unknown
         good &= length > _FLOWS * np.median(length[good])
         index = np.full(self.shape, -1, dtype=np.int32)
         index[tuple(self.nodes[good].T)] = np.arange(int(good.sum()))
