@@ -62,7 +62,7 @@ def test_template_loads_in_si(folder):
         "neo_hookean", youngs_modulus=81.4e3, poissons_ratio=0.49, density=1100.0
     )
     muscle = scene.muscles[0]
-    assert muscle.fibre == (0.0, 0.0, 1.0)
+    assert muscle.fibre == make_fibre("sheet", {"to": "+z"})
     assert (muscle.sigma_act, muscle.sigma_pas) == (5e6, 5e6)
     assert (muscle.lambda_opt, muscle.lambda_pas) == (1.0, 1.2)
     assert muscle.activation == Ramp(0.0, 0.75, 0.05)
