@@ -1,6 +1,10 @@
 """Fibre fields: bad input, sense, invariance, curves, averages in voxels, pictures."""
 
+import os
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -157,6 +161,36 @@ def test_volume_inverts_to_its_own_points():
     np.testing.assert_allclose(
         (ahead - parameters)[inside], [[1e-4, 0, 0]] * inside.sum(), atol=2e-6
     )
+
+
+def test_fields_do_not_depend_on_the_number_of_threads(tmp_path):
+    """In other processes, as libraries read the number once."""
+    code = """
+import muscle_shapes as shapes, numpy as np, sys
+from tledface.geometry import fibre_field
+found = []
+for (mesh, _), kind, options in (
+    (shapes.arc(120), "nurbs", {}),
+    (shapes.arc(120), "spindle", {}),
+    (shapes.flat_sheet(), "sheet", {"to": "+z"}),
+    (shapes.round_ring(), "sphincter", {}),
+):
+    found.append(fibre_field(mesh, kind, shapes.inner_points(mesh, 500), **options))
+np.save(sys.argv[1], found)
+"""
+    found = []
+    for threads in ("1", "2"):
+        names = ("TLEDFACE_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+        path = tmp_path / f"{threads}.npy"
+        subprocess.run(
+            [sys.executable, "-c", code, str(path)],
+            env=os.environ
+            | dict.fromkeys(names, threads)
+            | {"PYTHONPATH": str(Path(shapes.__file__).parent)},
+            check=True,
+        )
+        found.append(np.load(path))
+    np.testing.assert_array_equal(*found)
 
 
 def write_curves(folder, ending, curves):

@@ -95,8 +95,8 @@ def _lengthwise(grid: MuscleGrid, options: Fibre) -> tuple[Floats, tuple[Mask, M
     if isinstance(start, BoxEnd | CurveEnd) and isinstance(end, BoxEnd | CurveEnd):
         return _between(grid, start, end)
     mode = grid.slowest_mode()
-    weights = grid.weights
-    rise = (weights * (mode - (weights @ mode) / weights.sum())) @ grid.positions
+    centred = grid.weights * (mode - np.average(mode, weights=grid.weights))
+    rise = (centred[:, None] * grid.positions).sum(axis=0)
     if isinstance(start, AlongEnd) and isinstance(end, AlongEnd):
         forward = float(rise @ np.subtract(end.direction, start.direction)) > 0.0
     else:
@@ -123,7 +123,7 @@ def sphincter_field(grid: MuscleGrid, options: Fibre) -> GridField:
     axis = _ring_axis(grid.solid) if options.axis is None else np.asarray(options.axis)
     frame = _frame(axis)
     points = grid.sample_points()
-    plane = points @ frame[:2].T
+    plane = np.einsum("msk,jk->msj", points, frame[:2])
     inside = grid.inside.astype(bool)
     given = None if options.centre is None else frame[:2] @ np.asarray(options.centre)
     centre = _hole_centre(grid, plane[inside], given)
@@ -221,9 +221,9 @@ def _caps(
         near = grid.at_surface(zone)
         cap = near & (sign * across > _ACROSS)
         # Fibres may not yet meet all of a cap, and then never would: the rest faces the same way.
-        facing = surface.areas[cap] @ surface.normals[cap]
+        facing = (surface.areas[cap, None] * surface.normals[cap]).sum(axis=0)
         facing /= max(float(np.linalg.norm(facing)), 1e-300)
-        cap |= near & (surface.normals @ facing > _ACROSS)
+        cap |= near & ((surface.normals * facing).sum(axis=1) > _ACROSS)
         found.append(cap if surface.areas[cap].sum() > _LEAST_CAP * section else None)
     return found
 
@@ -237,7 +237,7 @@ def _in_sheet(grid: MuscleGrid, direction: Floats) -> Floats:
     """Unit vectors (m, 3) of the cells, along a direction as seen in the sheet."""
     direction = direction / np.linalg.norm(direction)
     normals = _sheet_normals(grid)
-    tangent = direction - (normals @ direction)[:, None] * normals
+    tangent = direction - (normals * direction).sum(axis=1)[:, None] * normals
     length = np.linalg.norm(tangent, axis=1)
     if np.median(length) < 0.1:
         raise InputError(
@@ -333,7 +333,7 @@ def _along_open_ring(
     grid: MuscleGrid, frame: Floats, centre: Floats, gap: tuple[float, float]
 ) -> Floats:
     """The potential from one end of an open ring to the other."""
-    offset = grid.positions @ frame[:2].T - centre
+    offset = np.einsum("nk,jk->nj", grid.positions, frame[:2]) - centre
     after = (np.arctan2(offset[:, 1], offset[:, 0]) - gap[1]) % (2.0 * np.pi)
     length = 2.0 * np.pi - (gap[1] - gap[0]) % (2.0 * np.pi)
     margin = 0.02 * length

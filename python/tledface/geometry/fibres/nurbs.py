@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from tledface import _core
@@ -277,6 +278,18 @@ def _turned(flat: Floats, u: Floats, fine: Floats, place: NDArray[np.int64]) -> 
     return np.column_stack([turned.real, turned.imag])
 
 
+def _row_products(a: sparse.csr_array, b: sparse.csr_array) -> sparse.csr_array:
+    """Row by row the products of all entries of a and b; each has equally many in every row."""
+    count = a.shape[0]
+    a_at, b_at = a.indices.reshape(count, -1, 1), b.indices.reshape(count, 1, -1)
+    values = a.data.reshape(count, -1, 1) * b.data.reshape(count, 1, -1)
+    columns = a_at.astype(np.int64) * b.shape[1] + b_at
+    per_row = values.shape[1] * values.shape[2]
+    starts = np.arange(count + 1) * per_row
+    entries = (values.reshape(-1), columns.reshape(-1), starts)
+    return sparse.csr_array(entries, shape=(count, a.shape[1] * b.shape[1]))
+
+
 def _clamped(count: int, degree: int) -> Floats:
     inner = np.linspace(0.0, 1.0, count - degree + 1)
     return np.concatenate([[0.0] * degree, inner, [1.0] * degree])
@@ -291,11 +304,12 @@ def _least_squares(
     """Control points (n, 3) nearest to V(parameters) = points, and the root mean square left."""
     inside = np.clip(parameters, 0.0, 1.0)
     bases = [
-        BSpline.design_matrix(inside[:, axis], knots[axis], degree[axis]).toarray()
+        sparse.csr_array(BSpline.design_matrix(inside[:, axis], knots[axis], degree[axis]))
         for axis in range(3)
     ]
-    rows = np.einsum("na,nb,nc->nabc", *bases, optimize=True).reshape(len(points), -1)
-    normal = rows.T @ rows / len(points)
+    # Sparse products: a dense one would add in another order for each number of threads.
+    rows = _row_products(_row_products(bases[0], bases[1]), bases[2])
+    normal = (rows.T @ rows).toarray() / len(points)
     counts = [basis.shape[1] for basis in bases]
     smooth = np.zeros_like(normal)
     for axis in range(3):
@@ -309,6 +323,7 @@ def _least_squares(
     scale = np.trace(normal) / len(normal)
     middle = points.mean(axis=0)
     normal = normal + scale * (_SMOOTHING * smooth + 1e-10 * np.eye(len(normal)))
-    control = np.linalg.solve(normal, rows.T @ (points - middle) / len(points)) + middle
+    right = rows.T @ (points - middle) / len(points)
+    control = splu(sparse.csc_array(normal)).solve(right) + middle
     left = rows @ control - points
     return control, float(np.sqrt((left**2).sum(axis=1).mean()))

@@ -151,7 +151,7 @@ class MuscleGrid:
         self._shares = np.where(self.inside == 1, 1.0, _OUTSIDE) / len(_AT)
         self._stiffness = self._assemble(_STIFFNESS)
         self._mass = self._assemble(_MASS)
-        held = (self.inside @ _SHAPE / len(_AT)).reshape(-1)
+        held = (_weighted(self.inside, _SHAPE) / len(_AT)).reshape(-1)
         # Muscle that each node stands for, in cells.
         self._held = np.bincount(self.corners.reshape(-1), held, minlength=len(self.nodes))
 
@@ -200,7 +200,9 @@ class MuscleGrid:
     def at_samples(self, values: Floats) -> tuple[Floats, Floats]:
         """Points (k, 3) inside the surface and nodal values there (k,)."""
         chosen = self.inside.astype(bool)
-        return self.sample_points()[chosen], (values[self.corners] @ _SHAPE.T)[chosen]
+        return self.sample_points()[chosen], np.einsum("ma,sa->ms", values[self.corners], _SHAPE)[
+            chosen
+        ]
 
     def solve(
         self,
@@ -246,10 +248,10 @@ class MuscleGrid:
         for part in self._parts():
             mask = self._shares[part]
             if field.ndim == 2:
-                summed = (mask @ _GRADIENT.reshape(len(_AT), -1)).reshape(-1, 8, 3)
+                summed = _weighted(mask, _GRADIENT.reshape(len(_AT), -1)).reshape(-1, 8, 3)
                 values = np.einsum("mak,mk->ma", summed, field[part])
             else:
-                values = np.einsum("ms,msk,sak->ma", mask, field[part], _GRADIENT, optimize=True)
+                values = np.einsum("ms,msk,sak->ma", mask, field[part], _GRADIENT)
             load += np.bincount(
                 self.corners[part].reshape(-1), values.reshape(-1), minlength=len(load)
             )
@@ -257,11 +259,11 @@ class MuscleGrid:
 
     def energy(self, potential: Floats) -> float:
         """Integral of the squared gradient over the inside, in cells."""
-        return float(potential @ (self._stiffness @ potential))
+        return _dot(potential, self._stiffness @ potential)
 
     def norm2(self, field: Floats) -> float:
         """Integral of the squared length of a field at samples (m, 64, 3), in cells."""
-        return float(np.einsum("ms,msk,msk->", self._shares, field, field, optimize=True))
+        return float(np.einsum("ms,msk,msk->", self._shares, field, field))
 
     def slowest_mode(self) -> Floats:
         """Return the first mode of the Laplace operator (n,), which runs along the length.
@@ -272,8 +274,8 @@ class MuscleGrid:
         mode = self._far_ends()
         before = np.inf
         for _ in range(_MODE_STEPS):
-            mode = mode - (weights @ mode) / weights.sum()
-            mode /= np.sqrt(weights @ mode**2)
+            mode = mode - _dot(weights, mode) / weights.sum()
+            mode /= np.sqrt(_dot(weights, mode**2))
             quotient = self.energy(mode)
             if abs(before - quotient) < 1e-2 * quotient:
                 break
@@ -291,10 +293,10 @@ class MuscleGrid:
         for part in self._parts():
             mask = self._shares[part]
             at = potential[self.corners[part]]
-            operator = (mask @ _RECOVERY).reshape(-1, 8, 8, 3)
+            operator = _weighted(mask, _RECOVERY).reshape(-1, 8, 8, 3)
             values = np.einsum("mabk,mb->mak", operator, at)
             if field is not None:
-                given = np.einsum("ms,msk,sa->mak", mask, field[part], _SHAPE, optimize=True)
+                given = np.einsum("ms,msk,sa->mak", mask, field[part], _SHAPE)
                 values = given - values
             right += self._gather(part, values)
         weights = np.maximum(self.weights, 1e-12)[:, None]
@@ -362,7 +364,7 @@ class MuscleGrid:
         return [slice(start, start + _CELLS_AT_ONCE) for start in starts]
 
     def _assemble(self, at_samples: Floats) -> sparse.csr_array:
-        entries = (self._shares @ at_samples).reshape(-1)
+        entries = _weighted(self._shares, at_samples).reshape(-1)
         rows = np.repeat(self.corners, 8, axis=1).reshape(-1)
         columns = np.tile(self.corners, (1, 8)).reshape(-1)
         size = len(self.nodes)
@@ -379,7 +381,7 @@ class MuscleGrid:
         pattern = self._stiffness.tocoo()
         steps = np.linalg.norm(self.nodes[pattern.row] - self.nodes[pattern.col], axis=1)
         graph = sparse.csr_array((steps, (pattern.row, pattern.col)), shape=pattern.shape)
-        start = int(np.argmin(self.nodes @ np.array([1.0, 1e-3, 1e-6])))
+        start = int(np.argmin((self.nodes * [1.0, 1e-3, 1e-6]).sum(axis=1)))
         for _ in range(2):
             way = csgraph.dijkstra(graph, directed=False, indices=start)
             start = int(np.argmax(way))
@@ -423,6 +425,11 @@ def _conjugate_gradients(
         before, steepness = steepness, _dot(left, scaled)
         step = scaled + (steepness / before) * step
     return found
+
+
+def _weighted(weights: NDArray[Any], at_samples: Floats) -> Floats:
+    """Sums (m, k) over samples; sparse, so that it does not depend on the number of threads."""
+    return np.asarray(sparse.csr_array(weights, dtype=np.float64) @ at_samples)
 
 
 def _dot(a: Floats, b: Floats) -> float:
