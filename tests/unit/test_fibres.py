@@ -296,18 +296,23 @@ def test_muscles_that_cross_keep_their_own_fibres(tmp_path):
     assert report["kind"] == "nurbs" and report["mean_alignment"] > 0.999
 
 
-def test_surfaces_of_one_muscle_do_not_cancel_where_they_meet(tmp_path):
+def test_surfaces_of_one_muscle_do_not_cancel_where_they_meet():
     """Two halves whose own senses oppose each other share a layer of voxels."""
-    export(trimesh.creation.box(bounds=[[1, 2, 1], [9, 4.5, 3]]), tmp_path / "a.obj")
-    export(trimesh.creation.box(bounds=[[1, 4.5, 1], [9, 7, 3]]), tmp_path / "b.obj")
-    base = tables(tmp_path)["muscles"][0]
-    curves = {"a": "1,3,2\n9,3,2\n", "b": "9,6,2\n1,6,2\n"}
-    for name, text in curves.items():
-        (tmp_path / f"{name}.csv").write_text(text)
-    files = {"curves": ["a.csv", "b.csv"]}
-    model = build(tmp_path, muscles=[base | {"surfaces": ["a.obj", "b.obj"], "fibre": files}])
-    (muscle,) = model.muscles
-    np.testing.assert_allclose(np.abs(muscle.fibre[:, 0]), 1.0, atol=1e-6)
+    boxes = ([[0, 0, 0], [8, 2.5, 2]], [[0, 2.5, 0], [8, 5, 2]])
+    solids = [
+        shapes.solid_of(trimesh.creation.box(bounds=np.multiply(bounds, MM))) for bounds in boxes
+    ]
+    fields = [make_field(solids[0], (1.0, 0.0, 0.0)), make_field(solids[1], (-0.8, 0.6, 0.0))]
+    cells = np.argwhere(np.ones((8, 5, 2)))
+    found = mean_fibres(fields, solids, cells, origin=[0.0] * 3, voxel=[MM] * 3, samples=4)
+    shared = cells[:, 1] == 2
+    expected = np.where(
+        shared[:, None],
+        np.array([0.9, -0.3, 0.0]) / np.hypot(0.9, 0.3),
+        np.where(cells[:, 1:2] < 2, [1.0, 0.0, 0.0], [-0.8, 0.6, 0.0]),
+    )
+    np.testing.assert_allclose(found.fibre, expected, atol=1e-9)
+    np.testing.assert_allclose(found.alignment[shared], np.hypot(0.9, 0.3))
 
 
 def test_build_names_the_muscle(tmp_path):
