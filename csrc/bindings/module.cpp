@@ -7,6 +7,7 @@ namespace py = pybind11;
 
 void define_geometry(py::module_& module);
 void define_model(py::module_& module);
+void define_fibres(py::module_& module);
 void define_devices(py::module_& module);
 void define_simulator(py::module_& module);
 
@@ -16,6 +17,7 @@ PYBIND11_MODULE(_core, module) {
   py::register_exception<tledface::SimulationError>(module, "SimulationError", PyExc_RuntimeError);
   define_geometry(module);
   define_model(module);
+  define_fibres(module);
   define_devices(module);
   define_simulator(module);
 }

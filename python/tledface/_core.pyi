@@ -89,6 +89,24 @@ def segments_meet(
     surfaces: Sequence[tuple[ArrayLike, ArrayLike]], starts: ArrayLike, ends: ArrayLike
 ) -> NDArray[np.bool_]: ...
 
+# bind_fibres.cpp
+
+def samples_inside(
+    surface: Surface,
+    origin: Sequence[float],
+    voxel: Sequence[float],
+    count: Sequence[int],
+    samples: int,
+) -> tuple[NDArray[np.int32], NDArray[np.uint8]]: ...
+def locate_in_volume(
+    *,
+    degree: Sequence[int],
+    knots: Sequence[Sequence[float]],
+    control: ArrayLike,
+    points: ArrayLike,
+    guesses: ArrayLike,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+
 # bind_devices.cpp
 
 class DeviceInfo:

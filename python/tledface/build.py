@@ -16,6 +16,8 @@ from tledface.geometry import (
     SurfaceFile,
     VoxelSet,
     long_axes,
+    make_field,
+    mean_fibres,
     outer_faces,
     read_polygons,
     read_surface,
@@ -84,7 +86,7 @@ def build_model(scene: Scene) -> Model:
     )
     sampled = time.perf_counter()
     model = _assemble(scene, voxels, [len(surfaces) for surfaces in muscles])
-    _add_muscles(model, scene, voxels, muscles)
+    fibres = _add_muscles(model, scene, voxels, muscles)
     model.gravity = np.asarray(scene.solver.gravity)
     outer = skin.solid.faces[outer_faces(skin.solid, geometry.outer)]
     boundary, problems = bind_boundary(
@@ -105,6 +107,7 @@ def build_model(scene: Scene) -> Model:
         "boundary": boundary,
         "partly_filled": int(np.count_nonzero(voxels.fill < 1.0 - 1e-9)),
         "muscle_elements": {muscle.name: len(muscle.elements) for muscle in model.muscles},
+        "fibres": fibres,
         "dropped_components": voxels.report["unconnected"],
         "dropped_loose_voxels": voxels.report["loose"],
         "memory_estimate": voxels.report["memory_estimate"],
@@ -157,8 +160,10 @@ def _assemble(scene: Scene, voxels: VoxelSet, surfaces_per_muscle: list[int]) ->
 
 def _add_muscles(
     model: Model, scene: Scene, voxels: VoxelSet, muscles: list[list[SurfaceFile]]
-) -> None:
+) -> dict[str, dict[str, Any]]:
+    """Add each muscle to its voxels; returns a report of their fibres by name."""
     column = len(scene.layers)
+    report = {}
     for spec, surfaces in zip(scene.muscles, muscles, strict=True):
         shares = voxels.fractions[:, column : column + len(surfaces)]
         column += len(surfaces)
@@ -166,10 +171,14 @@ def _add_muscles(
         where = weight > 0.0
         if not where.any():
             raise InputError(_missed_muscle(spec, surfaces, model))
+        try:
+            fibre, report[spec.name] = _fibres(spec, surfaces, shares[where], where, voxels, scene)
+        except InputError as error:
+            raise InputError(f"muscle {spec.name!r}: fibre: {error}") from None
         model.add_muscle(
             spec.name,
             where,
-            _fibres(spec, surfaces, shares[where]),
+            fibre,
             sigma_act=spec.sigma_act,
             sigma_pas=spec.sigma_pas,
             lambda_opt=spec.lambda_opt,
@@ -177,13 +186,42 @@ def _add_muscles(
             weight=np.minimum(weight[where], 1.0),
             law=spec.law,
         )
+    return report
 
 
-def _fibres(spec: MuscleSpec, surfaces: list[SurfaceFile], shares: Floats) -> Floats:
-    """Return the fibre direction of each of a muscle's elements, (m, 3)."""
-    if not isinstance(spec.fibre, str):
-        return np.broadcast_to(np.asarray(spec.fibre, dtype=np.float64), (len(shares), 3))
-    axes = long_axes([surface.solid for surface in surfaces])
+def _fibres(
+    spec: MuscleSpec,
+    surfaces: list[SurfaceFile],
+    shares: Floats,
+    where: NDArray[np.bool_],
+    voxels: VoxelSet,
+    scene: Scene,
+) -> tuple[Floats, dict[str, Any]]:
+    """Return the fibre direction of each of a muscle's elements, (m, 3), and what to report."""
+    if isinstance(spec.fibre, tuple):
+        fibre = np.broadcast_to(np.asarray(spec.fibre, dtype=np.float64), (len(shares), 3))
+        return fibre, {"kind": "constant"}
+    solids = [surface.solid for surface in surfaces]
+    if isinstance(spec.fibre, str):
+        return _along_axes(shares, long_axes(solids)), {"kind": spec.fibre}
+    scale = scene.geometry.unit_scale
+    found = mean_fibres(
+        [make_field(solid, spec.fibre, unit_scale=scale) for solid in solids],
+        solids,
+        voxels.cells[where],
+        origin=voxels.origin,
+        voxel=voxels.voxel,
+        samples=scene.geometry.samples,
+    )
+    return found.fibre, {
+        "kind": spec.fibre.kind,
+        "mean_alignment": float(found.alignment.mean()),
+        "least_alignment": float(found.alignment.min()),
+        "voxels_without_sample": int(np.count_nonzero(~found.sampled)),
+    }
+
+
+def _along_axes(shares: Floats, axes: Floats) -> Floats:
     mean = shares @ axes
     length = np.linalg.norm(mean, axis=1)
     # Surfaces at right angles cannot cancel, but equal shares of opposite ones could.

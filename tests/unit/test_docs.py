@@ -16,6 +16,7 @@ from tledface import doctor, units
 from tledface.cli.app import app
 from tledface.constitutive import materials
 from tledface.examples import flat_block
+from tledface.fibre_kinds import KINDS
 from tledface.scene import Scene
 
 REPOSITORY = Path(__file__).parents[2]
@@ -258,6 +259,21 @@ def test_laws_page_is_up_to_date():
     for law in materials().values():
         assert f"# {law.modifier or law.name}" in made
         assert all(f"`{p.name}`" in made for p in law.parameters)
+
+
+def test_fibre_kinds_and_keys_are_documented():
+    text = SCENE_FILE.read_text().split("## fibre\n")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (`.+?) \| (.+?) \|", text, re.MULTILINE)
+    documented = {}
+    for keys, kinds in rows:
+        for key in re.findall(r"`(\w+)`", keys):
+            documented[key] = set(re.findall(r"`(\w+)`", kinds))
+    assert documented.pop("kind") == set()  # of all
+    expected = {}
+    for kind, keys in KINDS.items():
+        for key in keys:
+            expected.setdefault(key, set()).add(kind)
+    assert documented == expected
 
 
 def test_activation_keys_are_documented():

@@ -8,6 +8,7 @@ import pytest
 
 from tledface.constitutive import material
 from tledface.errors import InputError
+from tledface.fibre_kinds import AlongEnd, BoxEnd, CurveEnd, make_fibre
 from tledface.scene import Scene, template_text, write_template
 from tledface.schedule import Constant, Keyframes, Ramp
 
@@ -61,7 +62,7 @@ def test_template_loads_in_si(folder):
         "neo_hookean", youngs_modulus=81.4e3, poissons_ratio=0.49, density=1100.0
     )
     muscle = scene.muscles[0]
-    assert muscle.fibre == (0.0, 0.0, 1.0)
+    assert muscle.fibre == make_fibre("sheet", {"to": "+z"})
     assert (muscle.sigma_act, muscle.sigma_pas) == (5e6, 5e6)
     assert (muscle.lambda_opt, muscle.lambda_pas) == (1.0, 1.2)
     assert muscle.activation == Ramp(0.0, 0.75, 0.05)
@@ -156,6 +157,31 @@ def test_fibre_is_normalised_and_passive_stress_follows_active(folder, tables):
     assert Scene.from_dict(tables, folder).muscles[0].fibre == "long-axis"
 
 
+def test_fibre_kinds_and_their_lengths_in_scene_units(folder, tables):
+    def read(value):
+        return Scene.from_dict(put(tables, ["muscles", 0, "fibre"], value), folder).muscles[0].fibre
+
+    assert read("nurbs") == make_fibre("nurbs")
+    assert read({"kind": "sheet", "to": "+z"}).end == AlongEnd((0.0, 0.0, 1.0))
+    assert read({"kind": "spindle", "from": [0, 3, 4], "to": "-x"}).start == AlongEnd(
+        (0.0, 0.6, 0.8)
+    )
+    table = {
+        "kind": "nurbs",
+        "from": {"box": [[0, 0, 0], [10, "1 cm", 1]]},
+        "to": {"points": [[0, 0, 40], [60, 0, 40]], "reach": "2 mm"},
+        "degree": 2,
+    }
+    fibre = read(table)
+    assert fibre.start == BoxEnd((0.0, 0.0, 0.0), pytest.approx((0.01, 0.01, 0.001)))
+    assert fibre.end == CurveEnd(((0.0, 0.0, 0.04), (0.06, 0.0, 0.04)), 0.002)
+    assert fibre.degree == 2
+    ring = read({"kind": "sphincter", "axis": [0, -2, 0], "centre": [30, 0, "4 cm"]})
+    assert ring.axis == (0.0, -1.0, 0.0) and ring.centre == pytest.approx((0.03, 0.0, 0.04))
+    (folder / "fibres.csv").write_text("0,0,0\n1,0,0\n")
+    assert read({"curves": "fibres.csv"}).curves == (folder / "fibres.csv",)
+
+
 BAD = [
     (["layers", 1, "thickness"], -1.8, r"layers\[1\]\.thickness: got -1\.8; allowed: greater"),
     (["layers", 1, "thickness"], "1.8 kPa", r"layers\[1\]\.thickness: .*kPa is the unit of a pre"),
@@ -190,7 +216,42 @@ BAD = [
     (["geometry", "fill"], 1.5, r"geometry\.fill: got 1\.5"),
     (["geometry", "region"], [[1, 0, 0], [0, 1, 1]], r"geometry\.region: .*low corner"),
     (["geometry", "outer"], "top", r"geometry\.outer: got 'top'; allowed: \"all\""),
-    (["muscles", 0, "fibre"], "nurbs", r"muscles\[0\]\.fibre: got 'nurbs'.*\"long-axis\""),
+    (["muscles", 0, "fibre"], "felt", r"muscles\[0\]\.fibre: got 'felt'.*\"long-axis\""),
+    (["muscles", 0, "fibre"], "sheet", r"muscles\[0\]\.fibre\.to: missing; a sheet needs"),
+    (["muscles", 0, "fibre"], {"to": "+z"}, r"muscles\[0\]\.fibre\.kind: missing; allowed: nurbs"),
+    (["muscles", 0, "fibre"], {"kind": "sheets"}, r"fibre\.kind: got 'sheets'; nearest: sheet"),
+    (["muscles", 0, "fibre"], {"kind": "sheet", "too": "+z"}, r"fibre\.too: .* nearest: to"),
+    (
+        ["muscles", 0, "fibre"],
+        {"kind": "sheet", "to": "up"},
+        r"fibre\.to: got 'up'; allowed: \"\+z",
+    ),
+    (["muscles", 0, "fibre"], {"kind": "sheet", "to": [0, 0, 0]}, r"fibre\.to: .* no direction"),
+    (
+        ["muscles", 0, "fibre"],
+        {"kind": "nurbs", "from": "+z"},
+        r"fibre\.to: missing; allowed: both",
+    ),
+    (["muscles", 0, "fibre"], {"kind": "nurbs", "degree": 9}, r"fibre\.degree: got 9; .*1 to 5"),
+    (["muscles", 0, "fibre"], {"kind": "nurbs", "axis": [0, 0, 1]}, r"fibre\.axis: not a key of"),
+    (
+        ["muscles", 0, "fibre"],
+        {"kind": "sheet", "from": "+z", "to": "+z"},
+        r"fibre\.to: points the same way as from",
+    ),
+    (
+        ["muscles", 0, "fibre"],
+        {"kind": "sheet", "to": {"box": [[0, 0, 1], [0, 0, 0]]}},
+        r"fibre\.to: got .*a low corner not above",
+    ),
+    (
+        ["muscles", 0, "fibre"],
+        {"kind": "sheet", "from": "-z", "to": {"points": [[0, 0, 0]], "reach": -1}},
+        r"fibre\.to: reach: got -0\.001; allowed: a length greater than 0",
+    ),
+    (["muscles", 0, "fibre"], {"kind": "sphincter", "axis": [0, 1]}, r"fibre\.axis: got \[0, 1\]"),
+    (["muscles", 0, "fibre"], {"curves": "gone.obj"}, r"fibre: file not found: .*gone\.obj"),
+    (["muscles", 0, "fibre"], {"curves": []}, r"fibre\.curves: missing; give a file of curves"),
     (["muscles", 0, "fibre"], [0, 0, 0], r"muscles\[0\]\.fibre: .*no direction"),
     (["muscles", 0, "surfaces"], [], r"muscles\[0\]\.surfaces: got \[\]"),
     (["muscles", 0, "sigma_act"], 5, r"muscles\[0\]\.sigma_act: unit missing"),

@@ -1,6 +1,6 @@
 """Closed surfaces and their voxels: reading, checking, sampling."""
 
-from tledface.geometry.fibres import long_axes
+from tledface.geometry.fibres import fibre_field, long_axes, make_field, mean_fibres, read_curves
 from tledface.geometry.memory import available_memory, check_memory
 from tledface.geometry.polygon_files import read_polygons
 from tledface.geometry.surfaces import SurfaceFile, read_surface
@@ -11,8 +11,12 @@ __all__ = [
     "VoxelSet",
     "available_memory",
     "check_memory",
+    "fibre_field",
     "long_axes",
+    "make_field",
+    "mean_fibres",
     "outer_faces",
+    "read_curves",
     "read_polygons",
     "read_surface",
     "section_ratio",

@@ -8,7 +8,6 @@ context has ``length`` (metres in a bare length), ``base`` (folder of relative p
 from __future__ import annotations
 
 import difflib
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,7 +24,6 @@ __all__ = [
     "Box",
     "CheckpointEvery",
     "Components",
-    "Fibre",
     "Gravity",
     "Length",
     "MaterialField",
@@ -171,17 +169,6 @@ def _read_paths(value: Any, info: ValidationInfo) -> list[Path]:
     if missing:
         raise MissingFiles(missing)
     return paths
-
-
-def _read_fibre(value: Any, info: ValidationInfo) -> Vector | str:
-    if value == "long-axis":
-        return "long-axis"
-    what = 'three numbers, as [0, 0, 1], or "long-axis"'
-    x, y, z = (units.parse(part, "number") for part in _list_of_three(value, what))
-    length = math.sqrt(x * x + y * y + z * z)
-    if length == 0.0:
-        raise InputError(f"got {value!r}, which has no direction; allowed: {what}")
-    return x / length, y / length, z / length
 
 
 def _read_gravity(value: Any, info: ValidationInfo) -> Vector:
@@ -399,11 +386,6 @@ Paths = Annotated[
     list[Path],
     PlainValidator(_read_paths),
     WithJsonSchema({"type": "array", "items": _PATH_SCHEMA}),
-]
-Fibre = Annotated[
-    Vector | str,
-    PlainValidator(_read_fibre),
-    WithJsonSchema({"anyOf": [{"const": "long-axis"}, _vector_schema({"type": "number"})]}),
 ]
 Gravity = Annotated[
     Vector,

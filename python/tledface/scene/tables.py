@@ -9,11 +9,11 @@ from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_
 from tledface.errors import InputError
 from tledface.scene.base import Table
 from tledface.scene.boundary_tables import Boundary, FixedSpec, SurfaceSpec
+from tledface.scene.fibres import Fibre
 from tledface.scene.fields import (
     Activation,
     Box,
     CheckpointEvery,
-    Fibre,
     Gravity,
     Length,
     MaterialField,
@@ -97,7 +97,8 @@ class MuscleSpec(Table):
     name: Name = Field(examples=["frontalis"])
     surfaces: Paths = Field(examples=[["frontalis_l.obj"]])
     fibre: Fibre = Field(
-        description='fibre direction, or "long-axis" of each surface', examples=[[0, 0, 1]]
+        description="fibre direction, or how the field of fibres follows from each surface",
+        examples=[[0, 0, 1]],
     )
     sigma_act: Pressure = Field(description="active stress at full activation", examples=["5 MPa"])
     sigma_pas: Pressure | None = Field(

@@ -1,4 +1,4 @@
-"""Fibre directions from the shape of muscle volumes."""
+"""The direction in which a muscle is longest."""
 
 from __future__ import annotations
 
