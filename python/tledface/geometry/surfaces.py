@@ -41,12 +41,15 @@ class SurfaceFile:
         return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
 
-def read_surface(path: str | Path, *, unit_scale: float = 1.0) -> SurfaceFile:
+def read_surface(
+    path: str | Path, *, unit_scale: float = 1.0, close_holes: bool = False
+) -> SurfaceFile:
     """Read a closed triangle surface.
 
     Args:
         path: A file that trimesh reads, by its ending (see ``SURFACE_FORMATS``).
         unit_scale: Metres in one unit of the file.
+        close_holes: Close holes above the limit too, as cuts that no layer follows.
 
     Raises:
         InputError: no such file, an unknown ending, not readable as that format, no triangles, a
@@ -66,7 +69,7 @@ def read_surface(path: str | Path, *, unit_scale: float = 1.0) -> SurfaceFile:
             f"allowed are 0 to {len(vertices) - 1}; export the surface again"
         )
     triangles = faces.astype(np.int32)
-    solid = _core.prepare_surface(vertices, triangles, str(path))
+    solid = _core.prepare_surface(vertices, triangles, str(path), close_holes=close_holes)
     return SurfaceFile(path, vertices, triangles, solid)
 
 
