@@ -64,6 +64,7 @@ def core_model(
         fixed=(model.fixed | prescribed_mask(model)).astype(np.uint8),
         gravity=(gx, gy, gz),
     )
+    fill = model.fill
     for name, elements, rows in model.law_rows():
         core.add_law(name=name, elements=elements, rows=rows)
     for muscle in model.muscles if muscles else []:
@@ -71,7 +72,7 @@ def core_model(
             name=muscle.name,
             elements=muscle.elements,
             fibre=muscle.fibre,
-            weight=muscle.weight,
+            weight=muscle.weight if fill is None else muscle.weight * fill[muscle.elements],
             sigma_act=muscle.sigma_act,
             sigma_pas=muscle.sigma_pas,
             lambda_opt=muscle.lambda_opt,

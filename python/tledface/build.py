@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tledface.errors import InputError
-from tledface.geometry import (
-    SurfaceFile,
-    VoxelSet,
-    long_axes,
-    read_surface,
-    section_ratio,
-    voxelise,
-)
+from tledface.geometry import SurfaceFile, VoxelSet, long_axes, section_ratio
+from tledface.geometry.report import surface_repairs
+from tledface.geometry.sources import read_sources, sample
 from tledface.model import Model
 from tledface.scene import MuscleSpec, Scene
 from tledface.surface import BoundSurface, bind
@@ -51,31 +45,13 @@ def build_model(scene: Scene) -> Model:
         InputError: a surface that cannot be used, too many voxels for the memory, no tissue, a
             muscle that no voxel holds.
 
-    Where volumes overlap, bone comes before muscle before skin layers. A fixed box without nodes
-    gives a ``BuildWarning``.
+    A fixed box without nodes gives a ``BuildWarning``.
     """
     start = time.perf_counter()
-    geometry = scene.geometry
-    skin = read_surface(geometry.skin, unit_scale=geometry.unit_scale)
-    bones = [read_surface(path, unit_scale=geometry.unit_scale) for path in geometry.bones]
-    muscles = [
-        [read_surface(path, unit_scale=geometry.unit_scale) for path in muscle.surfaces]
-        for muscle in scene.muscles
-    ]
-    parts = [surface for surfaces in muscles for surface in surfaces]
+    sources = read_sources(scene)
+    skin, muscles = sources.skin, sources.muscles
     read = time.perf_counter()
-    voxels = voxelise(
-        skin.solid,
-        voxel=geometry.voxel,
-        boundaries=_boundaries([layer.thickness for layer in scene.layers[:-1]]),
-        bones=[bone.solid for bone in bones],
-        muscles=[part.solid for part in parts],
-        samples=geometry.samples,
-        depth=geometry.depth,
-        region=geometry.region,
-        outer=geometry.outer,
-        fill=geometry.fill,
-    )
+    voxels = sample(scene, sources)
     sampled = time.perf_counter()
     model = _assemble(scene, voxels, [len(surfaces) for surfaces in muscles])
     _add_muscles(model, scene, voxels, muscles)
@@ -88,12 +64,13 @@ def build_model(scene: Scene) -> Model:
         "fixed_nodes": int(model.fixed.any(axis=1).sum()),
         "partly_filled": int(np.count_nonzero(voxels.fill < 1.0 - 1e-9)),
         "muscle_elements": {muscle.name: len(muscle.elements) for muscle in model.muscles},
-        "dropped_components": voxels.report["unconnected"],
-        "dropped_loose_voxels": voxels.report["loose"],
-        "memory_estimate": voxels.report["memory_estimate"],
+        "dropped_components": _removed(voxels, "unconnected", "parts", []),
+        "dropped_loose_voxels": _removed(voxels, "loose", "voxels", 0),
+        **voxels.report,
         "skin_vertices": len(model.surfaces["skin"].vertices),
         "skin_vertices_left_out": left_out,
-        "surfaces": {str(file.path): file.solid.report for file in (skin, *bones, *parts)},
+        "surfaces": {file.solid.name: file.solid.report for file in sources.files},
+        "repairs": [repair for file in sources.files for repair in surface_repairs(file.solid)],
         "warnings": problems,
         "seconds": {
             "read": read - start,
@@ -107,8 +84,9 @@ def build_model(scene: Scene) -> Model:
     return model
 
 
-def _boundaries(thicknesses: Sequence[float | None]) -> list[float]:
-    return [float(depth) for depth in np.cumsum([t for t in thicknesses if t is not None])]
+def _removed(voxels: VoxelSet, kind: str, key: str, none: Any) -> Any:
+    found = voxels.report["left_out"].get(kind, {"removed": False})
+    return found[key] if found["removed"] else none
 
 
 def _assemble(scene: Scene, voxels: VoxelSet, surfaces_per_muscle: list[int]) -> Model:
@@ -131,6 +109,7 @@ def _assemble(scene: Scene, voxels: VoxelSet, surfaces_per_muscle: list[int]) ->
         fractions,
         section_ratio=section_ratio(voxels, moduli) if section else None,
         layer_normal=voxels.normal if section else None,
+        fill=voxels.weight if (voxels.weight < 1.0).any() else None,
         surfaces={},
     )
 

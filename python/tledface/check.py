@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from tledface import device as device_module
+from tledface.geometry.report import GEOMETRY_KEYS, geometry_lines
 from tledface.progress import spinner
 from tledface.run import simulator_of
 
@@ -25,8 +26,9 @@ _BATCH = 50
 class Check:
     """Counts, sizes (bytes), times (s) of a scene on a device.
 
-    ``tissues`` and ``muscles`` count the voxels that hold some of each, ``memory_bytes`` is the
-    peak of the process while building and simulating.
+    ``tissues`` and ``muscles`` count the voxels that hold some of each, ``geometry`` is the part
+    of the model's report about its volumes (m3), ``memory_bytes`` is the peak of the process while
+    building and simulating.
     """
 
     scene: str
@@ -36,6 +38,7 @@ class Check:
     muscles: dict[str, int]
     fixed_nodes: int
     dropped_voxels: int
+    geometry: dict[str, Any]
     memory_bytes: int | None
     dt_s: float
     dt_crit_s: float
@@ -57,6 +60,7 @@ class Check:
             [
                 f"scene      {self.scene}: valid",
                 f"voxels     {self.elements:,}; {self.dropped_voxels:,} loose ones left out",
+                *(f"{label:<10} {text}" for label, text in geometry_lines(self.geometry)),
                 f"nodes      {self.nodes:,}, {self.fixed_nodes:,} of them held",
                 f"tissues    {tissues} (voxels that hold some)",
                 f"muscles    {muscles or 'none'}",
@@ -91,6 +95,7 @@ def check_scene(scene: Scene, *, device: Any = "auto", quiet: bool = False) -> C
         tissues={name: int(n) for name, n in zip(model.tissues, holding, strict=True)},
         muscles={muscle.name: len(muscle.elements) for muscle in model.muscles},
         fixed_nodes=int(model.fixed.any(axis=1).sum()),
+        geometry={key: report[key] for key in GEOMETRY_KEYS},
         dropped_voxels=sum(report["dropped_components"]) + report["dropped_loose_voxels"],
         memory_bytes=_peak_memory(),
         dt_s=dt,

@@ -21,6 +21,7 @@ from tledface._model_checks import (
     Mask,
     checked_cells,
     checked_fibre,
+    checked_fill,
     checked_fractions,
     checked_section,
     checked_tissues,
@@ -54,6 +55,8 @@ class Model(ConditionsMixin):
         fractions: (n_elem, n_tissues) float64, rows sum to 1.
         section_ratio: (n_elem,) bending over mean modulus of a layered voxel, or None (blended).
         layer_normal: (n_elem, 3) unit normal of the layers in a voxel, or None.
+        fill: (n_elem,) what density, stiffness and muscle weights are multiplied by, above 0 to 1,
+            or None (all 1): partly filled voxels.
         fixed: (n_nodes, 3) bool, held components: they keep the displacement they start with.
         muscles: the muscles, in the order they were added.
         prescribed, body_forces, pressures: what `prescribe`, `body_force`, `pressure` gave.
@@ -71,6 +74,7 @@ class Model(ConditionsMixin):
         *,
         section_ratio: ArrayLike | None = None,
         layer_normal: ArrayLike | None = None,
+        fill: ArrayLike | None = None,
         surfaces: Mapping[str, BoundSurface] | None = None,
     ) -> None:
         """Check and hold the arrays; see `from_voxels` for the arguments."""
@@ -89,6 +93,7 @@ class Model(ConditionsMixin):
         self.section_ratio, self.layer_normal = checked_section(
             section_ratio, layer_normal, len(self.cells)
         )
+        self.fill = checked_fill(fill, len(self.cells))
         self.fixed: Mask = np.zeros((len(self.nodes), 3), dtype=bool)
         self.muscles: list[Muscle] = []
         self._init_conditions()
@@ -152,6 +157,7 @@ class Model(ConditionsMixin):
         *,
         section_ratio: ArrayLike | None = None,
         layer_normal: ArrayLike | None = None,
+        fill: ArrayLike | None = None,
         surfaces: Mapping[str, BoundSurface] | None = None,
     ) -> Model:
         """Return a model of the given cells.
@@ -166,6 +172,8 @@ class Model(ConditionsMixin):
             section_ratio: (n_elem,) bending over mean modulus of a layered voxel; needs
                 ``layer_normal``. None: voxels bend with their mean modulus.
             layer_normal: (n_elem, 3) unit normal of the layers.
+            fill: (n_elem,) above 0 to 1, what a partly filled element's density, stiffness and
+                muscles are multiplied by; None: 1.
             surfaces: Bound surfaces by name; None gives the boundary of the voxels as "surface".
 
         Raises:
@@ -180,6 +188,7 @@ class Model(ConditionsMixin):
             fractions,
             section_ratio=section_ratio,
             layer_normal=layer_normal,
+            fill=fill,
             surfaces=surfaces,
         )
 
@@ -342,15 +351,17 @@ class Model(ConditionsMixin):
             (kg/m3), each (n_elem,); ``bending_modulus`` (n_elem, 3) Pa, for bending that
             stretches along x, y, z.
 
-        Moduli and density are means weighted by the tissue fractions; Young's modulus and
-        Poisson's ratio follow from the mean mu and bulk. A layered voxel bends with the modulus
-        of its section about its own neutral axis, ``E (1 - n_a^2 (1 - section_ratio))`` along
+        Moduli and density are means weighted by the tissue fractions, times ``fill``; Young's
+        modulus and Poisson's ratio follow from the mean mu and bulk. A layered voxel bends with
+        the modulus of its section about its own neutral axis,
+        ``E (1 - n_a^2 (1 - section_ratio))`` along
         axis ``a`` of the layer normal ``n``.
         """
         materials = self.tissue_materials
 
         def mean(values: Sequence[float]) -> Floats:
-            return self.fractions @ np.asarray(values, dtype=np.float64)
+            mean = self.fractions @ np.asarray(values, dtype=np.float64)
+            return mean if self.fill is None else self.fill * mean
 
         base = [m.mu if m.model == "neo_hookean" else 0.0 for m in materials]
         log = mean([m.bulk if m.volumetric == "log" else 0.0 for m in materials])
@@ -377,7 +388,7 @@ class Model(ConditionsMixin):
 
         Returns:
             For each tissue's law and modifier the elements (m,) that hold the tissue and the rows
-            (m, 1 + values): the tissue's fraction as weight, then the law's values.
+            (m, 1 + values): the tissue's fraction times ``fill`` as weight, then the law's values.
         """
         result = []
         for column, tissue in enumerate(self.tissue_materials):
@@ -387,6 +398,8 @@ class Model(ConditionsMixin):
                     continue
                 rows = np.empty((len(elements), 1 + len(values)))
                 rows[:, 0] = self.fractions[elements, column]
+                if self.fill is not None:
+                    rows[:, 0] *= self.fill[elements]
                 rows[:, 1:] = values
                 result.append((name, elements.astype(np.int64), rows))
         return result

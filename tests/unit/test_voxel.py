@@ -200,8 +200,10 @@ def test_only_the_largest_part_is_kept_and_loose_voxels_go():
     surface = solid(trimesh.util.concatenate([big, far, tip]))
     voxels = voxelise(surface, voxel=1.0)
     assert len(voxels.cells) == 64
-    assert voxels.report["loose"] == 2
-    assert voxels.report["unconnected"] == [8]
+    left_out = voxels.report["left_out"]
+    assert (left_out["loose"]["voxels"], left_out["unconnected"]["parts"]) == (2, [8])
+    assert left_out["loose"]["volume"] == pytest.approx(2.0)
+    assert left_out["unconnected"]["volume"] == pytest.approx(8.0)
     sheet = voxelise(solid(box([0, 0, 0], [4, 4, 1])), voxel=1.0)
     assert len(sheet.cells) == 16
 

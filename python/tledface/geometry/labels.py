@@ -144,7 +144,9 @@ class LabelVolume:
         ends = [np.flatnonzero(mask.any(axis=_others(axis))) for axis in range(3)]
         low = np.array([end[0] - 0.5 for end in ends])
         high = np.array([end[-1] + 0.5 for end in ends])
-        corners = np.array([[(low, high)[b][a] for a, b in enumerate(c)] for c in np.ndindex(2, 2, 2)])
+        corners = np.array(
+            [[(low, high)[b][a] for a, b in enumerate(c)] for c in np.ndindex(2, 2, 2)]
+        )
         points = corners @ self.image.affine[:3, :3].T + self.image.affine[:3, 3]
         return np.stack([points.min(axis=0), points.max(axis=0)])
 
@@ -324,9 +326,9 @@ def _smooth_surface(mask: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]
             continue
         vertices, faces, _, _ = marching_cubes(level, 0.5)
         corners = vertices.astype(np.float64)[faces]
-        volume = np.einsum(
-            "ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])
-        ).sum() / 6.0
+        volume = (
+            np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0
+        )
         if width == 0.0 or abs(abs(volume) - wanted) <= _SMOOTH_VOLUME * wanted:
             break
     if volume < 0.0:

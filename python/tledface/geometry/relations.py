@@ -67,9 +67,7 @@ def gaps(
     """
     if not names:
         return []
-    found = _core.gap_volumes(
-        surfaces, origin.tolist(), voxel.tolist(), cells, float(voxel.max())
-    )
+    found = _core.gap_volumes(surfaces, origin.tolist(), voxel.tolist(), cells, float(voxel.max()))
     return _pairs([*names, SKIN], found)
 
 
@@ -77,6 +75,6 @@ def _pairs(names: Sequence[str], volumes: NDArray[np.float64]) -> list[dict[str,
     rows, columns = np.nonzero(np.triu(volumes, 1))
     pairs = [
         {"names": [names[p], names[q]], "volume": float(volumes[p, q])}
-        for p, q in zip(rows, columns, strict=True)
+        for p, q in zip(rows.tolist(), columns.tolist(), strict=True)
     ]
     return sorted(pairs, key=lambda pair: -pair["volume"])

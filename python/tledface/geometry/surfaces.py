@@ -73,7 +73,8 @@ def read_surface(
     return SurfaceFile(path, vertices, triangles, solid)
 
 
-def _read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def read_parts(path: Path) -> list[trimesh.Trimesh]:
+    """Read the meshes of a file, each at its place; raises InputError as `read_surface` does."""
     if not path.is_file():
         raise InputError(
             f"{path}: {'is not a file' if path.exists() else 'no such surface file'}; "
@@ -88,8 +89,9 @@ def _read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]
     try:
         loaded = trimesh.load(path, process=False)
         parts = [loaded] if isinstance(loaded, trimesh.Trimesh) else _scene_parts(loaded)
-        vertices = [np.asarray(part.vertices, dtype=np.float64).reshape(-1, 3) for part in parts]
-        faces = [np.asarray(part.faces, dtype=np.int64).reshape(-1, 3) for part in parts]
+        for part in parts:
+            _ = np.reshape(part.vertices, (-1, 3)), np.reshape(part.faces, (-1, 3))
+        return parts
     # The parsers raise whatever the damage provokes: struct, index, key and value errors.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -97,6 +99,12 @@ def _read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]
             f"{path}: cannot be read as {path.suffix.lower()[1:].upper()} ({reason}); "
             "export the surface again"
         ) from None
+
+
+def _read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    parts = read_parts(path)
+    vertices = [np.asarray(part.vertices, dtype=np.float64).reshape(-1, 3) for part in parts]
+    faces = [np.asarray(part.faces, dtype=np.int64).reshape(-1, 3) for part in parts]
     if not parts or not sum(len(triangles) for triangles in faces):
         raise InputError(f"{path}: no triangles in it; a closed triangle surface is needed")
     starts = np.cumsum([0, *(len(points) for points in vertices[:-1])])

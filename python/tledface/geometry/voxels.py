@@ -26,7 +26,7 @@ from tledface.geometry.labels import LabelVolume
 from tledface.geometry.memory import check_memory, estimate_voxels
 from tledface.geometry.relations import gaps, relations
 
-__all__ = ["PARTIAL", "Ranks", "VoxelSet", "section_ratio", "voxelise"]
+__all__ = ["PARTIAL", "Ranks", "VoxelSet", "outer_faces", "section_ratio", "voxelise"]
 
 Floats = NDArray[np.float64]
 Volume = _core.Surface | LabelVolume
@@ -99,6 +99,7 @@ def voxelise(
     partial: str = "full",
     ranks: Ranks | None = None,
     clean: bool | Cleaning = True,
+    align: Sequence[float | None] = (None, None, None),
 ) -> VoxelSet:
     """Sample tissue into voxels with ``samples``^3 points each.
 
@@ -126,6 +127,8 @@ def voxelise(
         ranks: Who has a place where volumes overlap; None: bone before muscle before layers,
             equal shares to muscle surfaces.
         clean: Which voxels to leave out; True: the defaults of `Cleaning`, False: none.
+        align: Along x, y, z a coordinate (m) on which voxel faces lie, or None: the grid then
+            starts up to a voxel earlier.
 
     Raises:
         InputError: more memory than there is, boxes that hold no skin face, no voxel left, a
@@ -137,9 +140,10 @@ def voxelise(
     if partial not in PARTIAL:
         raise InputError(f"partial: got {partial!r}, allowed: {', '.join(PARTIAL)}")
     box = _grid_box(skin, edges, region)
+    box[0] = aligned(box[0], edges, align)
     if isinstance(skin, LabelVolume):
         samples = skin.image.exact_samples(edges, samples)
-    mask = _outer_faces(surface, outer)
+    mask = outer_faces(surface, outer)
     n_tissues = len(boundaries) + 1 + len(muscles)
     caps = [np.inf if depth is None else depth, *(cap for _, cap in depth_in)]
     tissue = min(surface.volume, surface.area * max(caps))
@@ -301,9 +305,7 @@ def _kept(
     keep = own >= fill - 1e-9
     left_out = {
         "too_deep": {"volume": found["too_deep"] * size, "removed": True},
-        "below_fill": entry(
-            np.count_nonzero(~keep), own[~keep].sum() * size, removed=True
-        ),
+        "below_fill": entry(int(np.count_nonzero(~keep)), own[~keep].sum() * size, removed=True),
     }
     if keep.any():
         hand_inward(found, keep, edges)
@@ -334,7 +336,18 @@ def _weights(partial: str, own: Floats, inner: Floats) -> Floats:
     return np.minimum(own + inner, 1.0)
 
 
-def _outer_faces(skin: _core.Surface, outer: str | Sequence[Box]) -> NDArray[np.bool_]:
+def aligned(low: Floats, voxel: Floats, planes: Sequence[float | None]) -> Floats:
+    """Return the grid's low corner moved down so that voxel faces lie on the given planes."""
+    result = low.copy()
+    for axis, plane in enumerate(planes):
+        if plane is not None:
+            steps = np.ceil((plane - low[axis]) / voxel[axis] - _ON_FACE)
+            result[axis] = plane - steps * voxel[axis]
+    return result
+
+
+def outer_faces(skin: _core.Surface, outer: str | Sequence[Box]) -> NDArray[np.bool_]:
+    """Which faces of the skin ``outer`` names, see `voxelise`; raises InputError if none."""
     if isinstance(outer, str) and outer != "all":
         raise InputError(f"outer: got {outer!r}, allowed is 'all' or a list of boxes")
     centroids = skin.vertices[skin.faces].mean(axis=1)

@@ -1,5 +1,6 @@
 """Scene files: TOML tables checked and turned into SI values, ready to be built into a model."""
 
+from tledface.scene.geometry_tables import ThicknessField
 from tledface.scene.load import MODEL_ENDINGS, Scene
 from tledface.scene.tables import (
     Boundary,
@@ -22,6 +23,7 @@ __all__ = [
     "Output",
     "Scene",
     "Solver",
+    "ThicknessField",
     "template_text",
     "write_template",
 ]

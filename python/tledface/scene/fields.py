@@ -21,6 +21,8 @@ from tledface.errors import InputError
 from tledface.schedule import Constant, Keyframes, Ramp
 
 __all__ = [
+    "LENGTH_SCHEMA",
+    "PATH_SCHEMA",
     "Activation",
     "Box",
     "CheckpointEvery",
@@ -43,6 +45,10 @@ __all__ = [
     "UnitFraction",
     "Vector",
     "VoxelSize",
+    "known_keys",
+    "read_length",
+    "read_path",
+    "read_point",
 ]
 
 JsonSchema = dict[str, Any]
@@ -90,7 +96,8 @@ def _list_of_three(value: Any, what: str) -> list[Any]:
     return list(value)
 
 
-def _read_point(value: Any, info: ValidationInfo) -> Vector:
+def read_point(value: Any, info: ValidationInfo) -> Vector:
+    """Three lengths in m; bare ones are in the scene's units."""
     x, y, z = (
         units.parse(part, "length", bare=_bare_factor("length", info))
         for part in _list_of_three(value, "three lengths, as [0, 0, 4.5]")
@@ -111,7 +118,7 @@ def _read_box(value: Any, info: ValidationInfo) -> tuple[Vector, Vector]:
         raise InputError(
             f"got {value!r}; allowed: a low and a high corner, as [[0, 0, 0], [60, 60, 4.5]]"
         )
-    low, high = (_read_point(corner, info) for corner in value)
+    low, high = (read_point(corner, info) for corner in value)
     if any(first > second for first, second in zip(low, high, strict=True)):
         raise InputError(f"got {value!r}; allowed: a low corner not above the high one")
     return low, high
@@ -145,7 +152,8 @@ class MissingFiles(InputError):
         self.files = files
 
 
-def _read_path(value: Any, info: ValidationInfo) -> Path:
+def read_path(value: Any, info: ValidationInfo) -> Path:
+    """A path from the scene's folder; raises MissingFiles unless the file exists."""
     if isinstance(value, Path):
         value = str(value)
     if not isinstance(value, str) or not value:
@@ -165,7 +173,7 @@ def _read_paths(value: Any, info: ValidationInfo) -> list[Path]:
     missing: list[Path] = []
     for item in value:
         try:
-            paths.append(_read_path(item, info))
+            paths.append(read_path(item, info))
         except MissingFiles as error:
             missing += error.files
     if missing:
@@ -249,7 +257,7 @@ def _read_activation(value: Any, info: ValidationInfo) -> Ramp | Keyframes | Con
 
 
 def _ramp(table: dict[str, Any], what: str) -> Ramp:
-    _known_keys(table, ["ramp", "over", "begin", "shape"])
+    known_keys(table, ["ramp", "over", "begin", "shape"])
     levels = table["ramp"]
     if not isinstance(levels, list) or len(levels) != 2 or "over" not in table:
         raise InputError(f"got {table!r}; allowed: {what}")
@@ -260,7 +268,7 @@ def _ramp(table: dict[str, Any], what: str) -> Ramp:
 
 
 def _keyframes(table: dict[str, Any], what: str) -> Keyframes:
-    _known_keys(table, ["keyframes"])
+    known_keys(table, ["keyframes"])
     keys = table["keyframes"]
     if not isinstance(keys, list) or not all(isinstance(k, list) and len(k) == 2 for k in keys):
         raise InputError(f"got {table!r}; allowed: {what}")
@@ -268,7 +276,8 @@ def _keyframes(table: dict[str, Any], what: str) -> Keyframes:
     return Keyframes(times, tuple(units.parse(a, "number", key="keyframes") for _, a in keys))
 
 
-def _known_keys(table: dict[str, Any], known: list[str]) -> None:
+def known_keys(table: dict[str, Any], known: list[str]) -> None:
+    """Raise InputError for a key that is not known, with the nearest that is."""
     for key in table:
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
@@ -322,8 +331,8 @@ def _material_schema() -> JsonSchema:
     return laws[0] if len(laws) == 1 else {"oneOf": laws}
 
 
-_LENGTH_SCHEMA = _quantity_schema("length", "in the scene's units")
-_POINT_SCHEMA = _vector_schema(_LENGTH_SCHEMA)
+LENGTH_SCHEMA = _quantity_schema("length", "in the scene's units")
+_POINT_SCHEMA = _vector_schema(LENGTH_SCHEMA)
 _BOX_SCHEMA: JsonSchema = {
     "type": "array",
     "items": _POINT_SCHEMA,
@@ -331,7 +340,7 @@ _BOX_SCHEMA: JsonSchema = {
     "maxItems": 2,
     "description": "low and high corner",
 }
-_PATH_SCHEMA: JsonSchema = {"type": "string", "description": "path relative to the scene file"}
+PATH_SCHEMA: JsonSchema = {"type": "string", "description": "path relative to the scene file"}
 _ACTIVATION_SCHEMA: JsonSchema = {
     "anyOf": [
         {"type": "number", "minimum": 0, "maximum": 1},
@@ -366,6 +375,7 @@ _ACTIVATION_SCHEMA: JsonSchema = {
     ]
 }
 
+read_length, _ = _quantity("length", above=0.0)
 Length = Annotated[float, *_field(_quantity("length", above=0.0))]
 Pressure = Annotated[float, *_field(_quantity("pressure", at_least=0.0))]
 Time = Annotated[float, *_field(_quantity("time", above=0.0))]
@@ -386,7 +396,7 @@ CheckpointEvery = Annotated[
 VoxelSize = Annotated[
     Vector,
     PlainValidator(_read_voxel),
-    WithJsonSchema({"anyOf": [*_LENGTH_SCHEMA["anyOf"], _POINT_SCHEMA]}),
+    WithJsonSchema({"anyOf": [*LENGTH_SCHEMA["anyOf"], _POINT_SCHEMA]}),
 ]
 Box = Annotated[tuple[Vector, Vector], PlainValidator(_read_box), WithJsonSchema(_BOX_SCHEMA)]
 Outer = Annotated[
@@ -394,11 +404,11 @@ Outer = Annotated[
     PlainValidator(_read_outer),
     WithJsonSchema({"anyOf": [{"const": "all"}, {"type": "array", "items": _BOX_SCHEMA}]}),
 ]
-SurfacePath = Annotated[Path, PlainValidator(_read_path), WithJsonSchema(_PATH_SCHEMA)]
+SurfacePath = Annotated[Path, PlainValidator(read_path), WithJsonSchema(PATH_SCHEMA)]
 Paths = Annotated[
     list[Path],
     PlainValidator(_read_paths),
-    WithJsonSchema({"type": "array", "items": _PATH_SCHEMA}),
+    WithJsonSchema({"type": "array", "items": PATH_SCHEMA}),
 ]
 Fibre = Annotated[
     Vector | str,
