@@ -10,6 +10,7 @@
 
 #include "core/error.hpp"
 #include "mesh/bvh.hpp"
+#include "mesh/duplicates.hpp"
 #include "mesh/scanline.hpp"
 
 namespace tledface {
@@ -47,30 +48,6 @@ void check_input(const TriangleMesh& mesh, const std::string& name) {
       if (v < 0 || v >= n)
         throw InputError(name + ": face " + std::to_string(f) + " names vertex " +
                          std::to_string(v) + ", allowed are 0 to " + std::to_string(n - 1));
-}
-
-// Keeps one face of each signed set of equal ones; opposite twins cancel. Needs sorted faces.
-std::size_t remove_duplicates(TriangleMesh& mesh) {
-  // Faces start at their lowest vertex, so the two windings differ in the order of the others.
-  std::vector<std::pair<Face, int>> signed_faces;
-  signed_faces.reserve(mesh.faces.size());
-  for (const Face& face : mesh.faces)
-    if (face[1] < face[2])
-      signed_faces.push_back({face, 1});
-    else
-      signed_faces.push_back({{face[0], face[2], face[1]}, -1});
-  std::sort(signed_faces.begin(), signed_faces.end());
-  const std::size_t before = mesh.faces.size();
-  mesh.faces.clear();
-  for (std::size_t begin = 0, end; begin < signed_faces.size(); begin = end) {
-    int net = 0;
-    const Face& face = signed_faces[begin].first;
-    for (end = begin; end < signed_faces.size() && signed_faces[end].first == face; ++end)
-      net += signed_faces[end].second;
-    if (net != 0) mesh.faces.push_back(net > 0 ? face : Face{face[0], face[2], face[1]});
-  }
-  sort_faces(mesh);
-  return before - mesh.faces.size();
 }
 
 struct Components {
