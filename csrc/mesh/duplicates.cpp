@@ -2,23 +2,24 @@
 #include "mesh/duplicates.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <numeric>
 
 namespace tledface {
 namespace {
 
-// A face, whatever its winding, and how many copies of it wind forwards less backwards.
+// A face, whatever its winding: its copies, and how many wind forwards less backwards.
 struct Sheet {
   Face face;
-  int net;
+  int copies, net;
 };
 
-// Which sheets of opposite twins (net 0) to keep. Twins that face each other, as where two closed
-// parts touch, cancel: their rim has two faces of others at each edge, or none. A face given twice
-// of which one copy was turned is part of the surface: its edges have one face of another. Groups
-// of neighbouring twins are judged together, by the most of their edges; a group without others at
-// its edges is a surface given from both sides if it is closed, else a flake.
-std::vector<char> keep_twins(const std::vector<Sheet>& sheets) {
+// How many copies of each sheet to keep. Where two closed parts touch or coincide, the rim of the
+// repeated sheets has two single faces at each edge: opposite twins cancel, equal ones both stay. A
+// face given twice by mistake has one, and one copy of it stays, whichever way the other is wound.
+// Neighbouring repeated sheets are judged together, by the most of their edges. Without single
+// faces at its edges a group is a surface given several times if it is closed, else a flake.
+std::vector<int> copies_to_keep(const std::vector<Sheet>& sheets) {
   TriangleMesh all;
   for (const Sheet& sheet : sheets) all.faces.push_back(sheet.face);
   const std::vector<Side> sides = sorted_sides(all);
@@ -28,44 +29,45 @@ std::vector<char> keep_twins(const std::vector<Sheet>& sheets) {
     while (parent[f] != f) f = parent[f] = parent[parent[f]];
     return f;
   };
+  // Calls visit(first side, end, single sheets, a repeated one) for each edge with a repeated one.
   const auto for_edges = [&](auto visit) {
     for (std::size_t begin = 0, end; begin < sides.size(); begin = end) {
-      std::size_t others = 0;
-      std::int32_t twin = -1;
+      std::size_t singles = 0;
+      std::int32_t repeated = -1;
       for (end = begin; end < sides.size() && sides[end].low == sides[begin].low &&
                         sides[end].high == sides[begin].high;
            ++end)
-        if (sheets[sides[end].face].net != 0)
-          ++others;
+        if (sheets[sides[end].face].copies == 1)
+          ++singles;
         else
-          twin = sides[end].face;
-      if (twin >= 0) visit(begin, end, others, twin);
+          repeated = sides[end].face;
+      if (repeated >= 0) visit(begin, end, singles, repeated);
     }
   };
-  for_edges([&](std::size_t begin, std::size_t end, std::size_t, std::int32_t twin) {
+  for_edges([&](std::size_t begin, std::size_t end, std::size_t, std::int32_t repeated) {
     for (std::size_t s = begin; s < end; ++s)
-      if (sheets[sides[s].face].net == 0) {
-        const std::int32_t p = root(sides[s].face), q = root(twin);
+      if (sheets[sides[s].face].copies > 1) {
+        const std::int32_t p = root(sides[s].face), q = root(repeated);
         parent[std::max(p, q)] = std::min(p, q);
       }
   });
   struct Votes {
-    int keep = 0, drop = 0;
+    int one = 0, even = 0;
   };
   std::vector<Votes> votes(sheets.size());
-  for_edges([&](std::size_t begin, std::size_t end, std::size_t others, std::int32_t twin) {
-    const std::size_t twins = end - begin - others;
-    Votes& of_group = votes[root(twin)];
-    if (others % 2 == 1)
-      ++of_group.keep;
-    else if (twins % 2 == 1)
-      ++of_group.drop;
+  for_edges([&](std::size_t begin, std::size_t end, std::size_t singles, std::int32_t repeated) {
+    Votes& of_group = votes[root(repeated)];
+    if (singles % 2 == 1)
+      ++of_group.one;
+    else if ((end - begin - singles) % 2 == 1)
+      ++of_group.even;
   });
-  std::vector<char> keep(sheets.size(), 0);
+  std::vector<int> keep(sheets.size(), 1);
   for (std::size_t f = 0; f < sheets.size(); ++f) {
+    if (sheets[f].copies == 1) continue;
     const Votes& of_group = votes[root(static_cast<std::int32_t>(f))];
-    keep[f] = sheets[f].net != 0 || of_group.keep > of_group.drop ||
-              (of_group.keep == 0 && of_group.drop == 0);
+    if (of_group.even >= of_group.one && of_group.even > 0)
+      keep[f] = std::abs(sheets[f].net) / 2 * 2;
   }
   return keep;
 }
@@ -74,31 +76,33 @@ std::vector<char> keep_twins(const std::vector<Sheet>& sheets) {
 
 std::size_t remove_duplicates(TriangleMesh& mesh) {
   // Faces start at their lowest vertex, so the two windings differ in the order of the others.
-  std::vector<Sheet> signed_faces;
-  signed_faces.reserve(mesh.faces.size());
+  std::vector<Sheet> sheets;
+  sheets.reserve(mesh.faces.size());
   for (const Face& face : mesh.faces)
     if (face[1] < face[2])
-      signed_faces.push_back({face, 1});
+      sheets.push_back({face, 1, 1});
     else
-      signed_faces.push_back({{face[0], face[2], face[1]}, -1});
-  std::sort(signed_faces.begin(), signed_faces.end(),
+      sheets.push_back({{face[0], face[2], face[1]}, 1, -1});
+  std::sort(sheets.begin(), sheets.end(),
             [](const Sheet& p, const Sheet& q) { return p.face < q.face; });
   const std::size_t before = mesh.faces.size();
-  std::vector<Sheet> sheets;
-  bool any_twins = false;
-  for (std::size_t begin = 0, end; begin < signed_faces.size(); begin = end) {
-    Sheet sheet{signed_faces[begin].face, 0};
-    for (end = begin; end < signed_faces.size() && signed_faces[end].face == sheet.face; ++end)
-      sheet.net += signed_faces[end].net;
-    any_twins = any_twins || sheet.net == 0;
-    sheets.push_back(sheet);
+  std::size_t n = 0;
+  for (std::size_t begin = 0, end; begin < before; begin = end) {
+    Sheet joined = sheets[begin];
+    for (end = begin + 1; end < before && sheets[end].face == joined.face; ++end) {
+      ++joined.copies;
+      joined.net += sheets[end].net;
+    }
+    sheets[n++] = joined;
   }
-  const std::vector<char> keep =
-      any_twins ? keep_twins(sheets) : std::vector<char>(sheets.size(), 1);
+  sheets.resize(n);
+  if (n == before) return 0;
+  const std::vector<int> keep = copies_to_keep(sheets);
   mesh.faces.clear();
-  for (std::size_t f = 0; f < sheets.size(); ++f) {
+  for (std::size_t f = 0; f < n; ++f) {
     const Face& face = sheets[f].face;
-    if (keep[f]) mesh.faces.push_back(sheets[f].net >= 0 ? face : Face{face[0], face[2], face[1]});
+    for (int copy = 0; copy < keep[f]; ++copy)
+      mesh.faces.push_back(sheets[f].net >= 0 ? face : Face{face[0], face[2], face[1]});
   }
   sort_faces(mesh);
   return before - mesh.faces.size();

@@ -6,7 +6,8 @@
 
 namespace tledface {
 
-// Keeps one face of each set of equal ones; opposite twins cancel where two closed parts touch.
+// Keeps one face of each set of equal ones; where two closed parts touch, opposite twins cancel,
+// and where they coincide both stay.
 // Needs sorted faces; returns how many were removed.
 std::size_t remove_duplicates(TriangleMesh& mesh);
 

@@ -27,76 +27,62 @@ class SurfaceColumns : public Columns {
  public:
   SurfaceColumns(const Surface& surface, const SampleLattice& lattice, int rows)
       : scanner_(surface.mesh, lattice, rows), lattice_(lattice), rows_(rows) {
-    for (const TriangleMesh& mesh : surface.caps) {
-      const Bounds box = bounds(mesh);
-      Cap cap{&mesh, {}};
-      for (int axis = 0; axis < 3; ++axis)
-        cap.range[axis] = index_range(lattice, axis, box.low[axis], box.high[axis]);
-      caps_.push_back(cap);
+    for (const TriangleMesh& cap : surface.caps) {
+      const auto first = static_cast<std::int32_t>(caps_.vertices.size());
+      caps_.vertices.insert(caps_.vertices.end(), cap.vertices.begin(), cap.vertices.end());
+      for (const Face& face : cap.faces)
+        caps_.faces.push_back({first + face[0], first + face[1], first + face[2]});
     }
+    if (caps_.faces.empty()) return;
+    const Bounds box = bounds(caps_);
+    for (int axis = 0; axis < 3; ++axis)
+      range_[axis] = index_range(lattice, axis, box.low[axis], box.high[axis]);
   }
 
   bool reaches(std::int64_t slab) const override { return scanner_.reaches(slab); }
 
   void scan(std::int64_t slab, SlabCrossings& out) const override {
     scanner_.scan(slab, out);
-    std::vector<const Cap*> near;
-    for (const Cap& cap : caps_)
-      if (cap.range[0][0] < (slab + 1) * rows_ && cap.range[0][1] > slab * rows_)
-        near.push_back(&cap);
-    if (!near.empty()) decide_by_solid_angle(slab, near, out);
+    if (range_[0][0] < (slab + 1) * rows_ && range_[0][1] > slab * rows_)
+      decide_by_solid_angle(slab, out);
   }
 
  private:
-  struct Cap {
-    const TriangleMesh* mesh;
-    std::array<Range, 3> range;  // of samples that it may decide
-  };
-
-  // Replaces the crossings of columns through a cap's box by those of its samples' own decision.
-  void decide_by_solid_angle(std::int64_t slab, const std::vector<const Cap*>& near,
-                             SlabCrossings& out) const {
+  // Replaces the crossings of columns through the caps' box by those of its samples' own decision.
+  void decide_by_solid_angle(std::int64_t slab, SlabCrossings& out) const {
     SlabCrossings decided;
     decided.begin.assign(1, 0);
-    std::vector<const Cap*> here;
     for (std::size_t column = 0; column + 1 < out.begin.size(); ++column) {
       const auto a = slab * rows_ + static_cast<std::int64_t>(column) / lattice_.count[1];
       const auto b = static_cast<std::int64_t>(column) % lattice_.count[1];
-      here.clear();
-      for (const Cap* cap : near)
-        if (a >= cap->range[0][0] && a < cap->range[0][1] && b >= cap->range[1][0] &&
-            b < cap->range[1][1])
-          here.push_back(cap);
       const std::uint32_t begin = out.begin[column], end = out.begin[column + 1];
-      if (here.empty())
+      if (a >= range_[0][0] && a < range_[0][1] && b >= range_[1][0] && b < range_[1][1])
+        decide_column(a, b, out, begin, end, decided.items);
+      else
         decided.items.insert(decided.items.end(), out.items.begin() + begin,
                              out.items.begin() + end);
-      else
-        decide_column(a, b, here, out, begin, end, decided.items);
       decided.begin.push_back(static_cast<std::uint32_t>(decided.items.size()));
     }
     out.begin = std::move(decided.begin);
     out.items = std::move(decided.items);
   }
 
-  void decide_column(std::int64_t a, std::int64_t b, const std::vector<const Cap*>& caps,
-                     const SlabCrossings& crossings, std::uint32_t item, std::uint32_t end,
-                     std::vector<Crossing>& out) const {
+  void decide_column(std::int64_t a, std::int64_t b, const SlabCrossings& crossings,
+                     std::uint32_t item, std::uint32_t end, std::vector<Crossing>& out) const {
     int winding = 0;
     bool inside = false;
     const std::int64_t top = lattice_.count[2];
+    const Range& range = range_[2];
     for (std::int64_t z = 0; z < top;) {
       while (item < end && crossings.items[item].sample <= z)
         winding += crossings.items[item++].sign;
       std::int64_t next =
           item < end ? std::min<std::int64_t>(crossings.items[item].sample, top) : top;
       double w = winding;
-      for (const Cap* cap : caps) {
-        const Range& range = cap->range[2];
-        if (z < range[0]) next = std::min(next, range[0]);
-        if (z < range[0] || z >= range[1]) continue;
+      if (z < range[0]) next = std::min(next, range[0]);
+      if (z >= range[0] && z < range[1]) {
         next = z + 1;
-        w -= winding_of_faces(*cap->mesh, sample_at(lattice_, a, b, z));
+        w -= winding_of_faces(caps_, sample_at(lattice_, a, b, z));
       }
       if ((std::abs(w) > 0.5) != inside) {
         inside = !inside;
@@ -109,7 +95,8 @@ class SurfaceColumns : public Columns {
   ColumnScanner scanner_;
   SampleLattice lattice_;
   int rows_;
-  std::vector<Cap> caps_;
+  TriangleMesh caps_;             // of all large holes
+  std::array<Range, 3> range_{};  // of samples that they may decide
 };
 
 class LabelColumns : public Columns {

@@ -42,8 +42,8 @@ class Columns {
 // A surface with large holes has no inside of its own. The generalised winding number w of a point
 // (the solid angle of its faces / 4 pi, Jacobson et al. 2013) is that of the surface closed by any
 // cap less that of the cap, so it needs the whole number that the columns give and the solid angle
-// of the few cap faces; a point is inside where |w| > 1/2. Outside the cap's box no cap that is
-// covered once fills more than half of the view, and the whole number decides alone.
+// of the few cap faces; a point is inside where |w| > 1/2. From outside their common box the caps
+// fill no more than half of the view, and the whole number decides alone.
 std::unique_ptr<Columns> make_columns(const Volume& volume, const SampleLattice& lattice,
                                       int rows_per_slab);
 

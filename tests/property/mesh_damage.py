@@ -61,11 +61,13 @@ class Case:
 def base_solid(rng):
     """A closed triangle mesh of known volume: name, vertices, faces, volume."""
     kind = rng.choice(["sphere", "torus", "box", "box with a hole", "nested", "overlapping boxes"])
+    # Fine enough that a face or two are a hole to fill, at some cost.
+    fine = rng.random() < 0.25
     if kind == "sphere":
-        mesh = trimesh.creation.icosphere(subdivisions=rng.choice([2, 4]))
+        mesh = trimesh.creation.icosphere(subdivisions=4 if fine else 2)
     elif kind == "torus":
-        fine = rng.choice([1, 3])
-        mesh = trimesh.creation.torus(1.0, 0.45, major_sections=20 * fine, minor_sections=10 * fine)
+        n = 2 if fine else 1
+        mesh = trimesh.creation.torus(1.0, 0.45, major_sections=20 * n, minor_sections=10 * n)
     elif kind == "box":
         mesh = trimesh.creation.box((1.0, 1.5, 0.8)).subdivide().subdivide()
     elif kind == "box with a hole":
@@ -122,7 +124,9 @@ def split_with_rounding(case):
 
 
 def duplicate(case):
-    case.faces = np.concatenate([case.faces, case.faces[case.rng.integers(len(case.faces), size=5)]])
+    case.faces = np.concatenate(
+        [case.faces, case.faces[case.rng.integers(len(case.faces), size=5)]]
+    )
 
 
 def degenerate(case):
@@ -132,12 +136,12 @@ def degenerate(case):
 
 def sliver(case):
     """A vertex on an edge of one face only: the T-junction is closed by a face without area."""
+    if duplicate in case.applied:
+        case.allow_error()  # the face may have a copy, which then lies on two others
     f = case.rng.integers(len(case.faces))
     a, b, c = case.faces[f]
     middle = len(case.vertices)
-    case.vertices = np.concatenate(
-        [case.vertices, [0.5 * (case.vertices[a] + case.vertices[b])]]
-    )
+    case.vertices = np.concatenate([case.vertices, [0.5 * (case.vertices[a] + case.vertices[b])]])
     split_face = [[a, middle, c], [middle, b, c], [a, b, middle]]
     case.faces = np.concatenate([np.delete(case.faces, f, axis=0), split_face])
 
@@ -344,8 +348,11 @@ def make_case(seed):
     if what > 0.85:
         _apply(case, HOPELESS[rng.integers(len(HOPELESS))])
     form = FORMATS[rng.integers(len(FORMATS))]
-    if "stl" in form and index_out_of_range in case.applied:
-        form = "obj"  # STL has no indices
+    if index_out_of_range in case.applied:
+        if form == "obj":
+            case.must = "either"  # there, negative ones count from the end
+        elif "stl" in form:
+            form = "off"  # STL has no indices
     case.text = form not in ("stl", "ply")
     data = file_bytes(case, form)
     ending = form.split(".")[-1]

@@ -70,7 +70,7 @@ def test_repairs_are_made_and_reported():
     solid = prepare(sphere.vertices, damaged)
     report = solid.report
     assert report["degenerate_faces"] == 1
-    assert report["duplicate_faces"] == 4 + 4
+    assert report["duplicate_faces"] == 4 + 2
     assert report["holes_filled"] >= 1
     assert report["flipped_faces"] > 0
     assert report["components"] == 1
