@@ -18,6 +18,7 @@ namespace {
 
 // A volume below this fraction of the box diagonal cubed counts as none (rounding of a flat sheet).
 constexpr double kNoVolume = 1e-9;
+constexpr double kMostHoles = 0.9;  // area of what closes holes over that of the faces given
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kFarthest = 1e6;  // m; beyond it a vertex is damage, not anatomy
 
@@ -213,6 +214,7 @@ std::vector<std::array<std::size_t, 2>> fill_holes(TriangleMesh& mesh, const std
                      millimetres(limit) + " (" + number(100 * options.hole_limit) +
                      " % of the size) are filled, close the larger ones in a mesh editor, or take "
                      "holes = \"close\"");
+  const double own_area = surface_area(mesh);
   std::vector<std::array<std::size_t, 2>> caps;
   for (std::size_t l = 0; l < loops.size(); ++l) {
     const auto& loop = loops[l];
@@ -232,6 +234,11 @@ std::vector<std::array<std::size_t, 2>> fill_holes(TriangleMesh& mesh, const std
     }
     if (large) caps.push_back({begin, mesh.faces.size()});
   }
+  // Scattered patches are each closed by about their own area and hold nothing.
+  if (surface_area(mesh) - own_area > kMostHoles * own_area)
+    throw InputError(name + ": the surface is open: its " + std::to_string(loops.size()) +
+                     " holes are as large as itself, so that it says no shape; close them in a "
+                     "mesh editor");
   return caps;
 }
 
@@ -288,17 +295,20 @@ void turn_inverted(TriangleMesh& mesh, const Components& components, SurfaceRepo
     if (volume >= 0) continue;
     constexpr std::size_t kProbes = 16;
     const std::size_t stride = members[c].size() / kProbes + 1;
-    bool within = components.count > 1;
-    if (within && !tree) tree = std::make_unique<Bvh>(mesh);
-    for (std::size_t m = 0; within && m < members[c].size(); m += stride) {
+    // By the most of the probes: damage may drag a corner of a cavity out through the wall.
+    int n_probes = 0, n_within = 0;
+    if (components.count > 1 && !tree) tree = std::make_unique<Bvh>(mesh);
+    for (std::size_t m = 0; tree && m < members[c].size(); m += stride) {
       const Vec3& probe = mesh.vertices[mesh.faces[members[c][m]][0]];
       int winding = 0;
       tree->visit_column(probe.x, probe.y, [&](std::int32_t f) {
         if (components.of_face[f] != c)
           winding += winding_of_face(tree->mesh(), tree->mesh().faces[f], probe);
       });
-      within = winding != 0;
+      ++n_probes;
+      n_within += winding != 0;
     }
+    const bool within = 2 * n_within > n_probes;
     if (within) {
       ++report.cavities;
       continue;

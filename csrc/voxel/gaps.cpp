@@ -8,7 +8,7 @@ namespace tledface {
 namespace {
 
 constexpr int kSamples = 2;
-constexpr double kOpposed = -0.5;  // cosine between the ways to the two surfaces
+constexpr double kOpposed = -0.7;  // cosine between the ways to the two surfaces
 constexpr std::size_t kChunk = 512;
 
 }  // namespace

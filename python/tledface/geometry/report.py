@@ -54,13 +54,12 @@ def surface_repairs(surface: _core.Surface) -> list[str]:
         add(f"{report['inverted_components']} parts were inside out")
     if report["cavities"]:
         add(f"{report['cavities']} cavities kept")
-    if report["holes_filled"] or report["holes_closed"]:
-        large = f", {report['holes_closed']} of them large" if report["holes_closed"] else ""
-        count = report["holes_filled"] + report["holes_closed"]
-        add(
-            f"{count} holes closed{large}, the largest {1e3 * report['largest_hole']:.3g} mm "
-            f"around; the volume may be off by {1e9 * report['hole_volume']:.3g} mm3"
-        )
+    if count := report["holes_filled"] + report["holes_closed"]:
+        large, around = report["holes_closed"], f"{1e3 * report['largest_hole']:.3g} mm around"
+        what = f"{count} holes closed, {large} of them large, the largest {around}"
+        if count == 1:
+            what = f"a {'large' if large else 'small'} hole closed, {around}"
+        add(f"{what}; the volume may be off by {1e9 * report['hole_volume']:.3g} mm3")
     return lines
 
 

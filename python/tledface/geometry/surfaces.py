@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ from tledface import _core
 from tledface.errors import InputError
 
 __all__ = ["SURFACE_FORMATS", "SurfaceFile", "read_surface"]
+
+# Without a handler its warnings, some with a traceback, go to standard error beside our one line.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 SURFACE_FORMATS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf")
 

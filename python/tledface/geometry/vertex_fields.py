@@ -31,7 +31,7 @@ def vertex_property(surface: SurfaceFile, name: str) -> Floats:
     for part in read_parts(surface.path):
         raw = part.metadata.get("_ply_raw", {}).get("vertex", {}).get("data", {})
         held = getattr(getattr(raw, "dtype", None), "names", None) or list(raw)
-        data |= {key: np.asarray(raw[key]) for key in held}
+        data |= {key: np.ravel(raw[key]) for key in held}
     if name not in data:
         raise InputError(
             f"{surface.path}: no vertex property {name!r}; it has {', '.join(data) or 'none'}"
