@@ -299,7 +299,9 @@ void turn_inverted(TriangleMesh& mesh, const Components& components, SurfaceRepo
     int n_probes = 0, n_within = 0;
     if (components.count > 1 && !tree) tree = std::make_unique<Bvh>(mesh);
     for (std::size_t m = 0; tree && m < members[c].size(); m += stride) {
-      const Vec3& probe = mesh.vertices[mesh.faces[members[c][m]][0]];
+      const Face& face = mesh.faces[members[c][m]];
+      const Vec3 probe =
+          (1.0 / 3) * (mesh.vertices[face[0]] + mesh.vertices[face[1]] + mesh.vertices[face[2]]);
       int winding = 0;
       tree->visit_column(probe.x, probe.y, [&](std::int32_t f) {
         if (components.of_face[f] != c)

@@ -93,7 +93,7 @@ def test_a_surface_over_itself_and_inside_out_is_reported():
     assert voxelise(surface, voxel=1.0).report["volumes"]["skin"]["covered_twice"] == 16
     hollow = box([1, 1, 1], [2, 3, 3])
     hollow.invert()
-    through = box([3, 1, 1], [6, 3, 3])  # half in, half out of the first, wound inwards
+    through = box([3, 1, 1], [7, 3, 3])  # a quarter in, the rest out of the first, wound inwards
     through.invert()
     surface = solid(trimesh.util.concatenate([parts[0], hollow, through]))
     report = voxelise(surface, voxel=1.0).report["volumes"]["skin"]
