@@ -32,7 +32,7 @@ struct SurfaceReport {
   std::size_t holes_filled = 0;  // up to the limit
   std::size_t holes_closed = 0;  // above it
   double largest_hole = 0;       // perimeter
-  // What the filling may be off by, m^3: the half balls of the holes' perimeters.
+  // Half balls of the holes' perimeters, m^3: what the filling is hardly off by more than.
   double hole_volume = 0;
   bool seams_joined = false;
 };

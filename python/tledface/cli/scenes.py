@@ -56,6 +56,7 @@ def build(
 ) -> None:
     """Turn a scene's surfaces into a voxel model, saved as HDF5."""
     from tledface.errors import InputError
+    from tledface.geometry.report import GEOMETRY_KEYS, geometry_lines
     from tledface.progress import spinner
     from tledface.run import save_built
     from tledface.scene import MODEL_ENDINGS, Scene
@@ -69,14 +70,19 @@ def build(
     with spinner("building the model", quiet=quiet or json):
         model = loaded.build()
     save_built(loaded, model, output)
-    give(
+    lines = [
         f"wrote {output}: {model.n_elements:,} voxels, {model.n_nodes:,} nodes; "
         f"tissues {', '.join(model.tissues)}",
+        *(f"{label:<10} {text}" for label, text in geometry_lines(model.report)),
+    ]
+    give(
+        "\n".join(lines),
         {
             "model": str(output),
             "elements": model.n_elements,
             "nodes": model.n_nodes,
             "tissues": list(model.tissues),
+            "geometry": {key: model.report[key] for key in GEOMETRY_KEYS},
         },
         as_json=json,
         quiet=quiet,

@@ -59,7 +59,7 @@ def surface_repairs(surface: _core.Surface) -> list[str]:
         what = f"{count} holes closed, {large} of them large, the largest {around}"
         if count == 1:
             what = f"a {'large' if large else 'small'} hole closed, {around}"
-        add(f"{what}; the volume may be off by {1e9 * report['hole_volume']:.3g} mm3")
+        add(f"{what}; half balls over them would be {1e9 * report['hole_volume']:.3g} mm3")
     return lines
 
 
