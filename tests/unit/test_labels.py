@@ -244,6 +244,18 @@ def test_scene_refusals(head, labels, message):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("values", [(-5, 0, 7), (0, 3, 10**7), (2, 3, 4.0), (10**12, 10**12 + 1)])
+def test_labels_of_any_value_and_type(tmp_path, values):
+    data = np.random.default_rng(0).choice(values, size=(4, 5, 6))
+    image = read_labels(saved(tmp_path, data), spacing=STEP)
+    assert image.values.tolist() == sorted(values)
+    np.testing.assert_array_equal(image.values[image.labels], data)
+    small = read_labels(saved(tmp_path, np.array([[[-128, 127]]], np.int8)), spacing=STEP)
+    assert small.values[small.labels].tolist() == [[[-128, 127]]]
+    volume = of(image, [int(values[1])])
+    assert volume.members == [1]
+
+
 def test_unusable_images(tmp_path):
     good = np.ones((3, 3, 3), dtype=np.uint8)
     for name, data, message in (
