@@ -218,7 +218,7 @@ def test_large_holes_by_choice():
     assert surface.report["holes_closed"] == 1
     (repair,) = surface_repairs(surface)
     assert re.match(
-        r"bowl\.ply: a large hole closed, [\d.e+]+ mm around; the volume may be", repair
+        r"bowl\.ply: a large hole closed, [\d.e+]+ mm around; half balls", repair
     )
     voxels = voxelise(surface, voxel=0.5, boundaries=(0.1,), fill=1e-9, clean=False)
     height = 16.0
