@@ -217,9 +217,7 @@ def test_large_holes_by_choice():
     surface = solid(bowl, "bowl.ply", close_holes=True)
     assert surface.report["holes_closed"] == 1
     (repair,) = surface_repairs(surface)
-    assert re.match(
-        r"bowl\.ply: a large hole closed, [\d.e+]+ mm around; half balls", repair
-    )
+    assert re.match(r"bowl\.ply: a large hole closed, [\d.e+]+ mm around; half balls", repair)
     voxels = voxelise(surface, voxel=0.5, boundaries=(0.1,), fill=1e-9, clean=False)
     height = 16.0
     true = np.pi * height**2 * (30 - height) / 3
