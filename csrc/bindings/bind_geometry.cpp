@@ -9,6 +9,7 @@
 #include "mesh/bvh.hpp"
 #include "mesh/surface.hpp"
 #include "voxel/cells.hpp"
+#include "voxel/gaps.hpp"
 #include "voxel/voxelise.hpp"
 
 namespace py = pybind11;
@@ -30,19 +31,30 @@ py::dict report_dict(const SurfaceReport& report) {
   d["inverted_components"] = report.inverted_components;
   d["cavities"] = report.cavities;
   d["components"] = report.components;
+  d["open_edges"] = report.open_edges;
   d["holes_filled"] = report.holes_filled;
+  d["holes_closed"] = report.holes_closed;
+  d["hole_volume"] = report.hole_volume;
   d["largest_hole"] = report.largest_hole;
   d["seams_joined"] = report.seams_joined;
   return d;
 }
 
 Surface bind_prepare(const Array<double>& vertices, const Array<std::int32_t>& faces,
-                     const std::string& name, double hole_limit) {
+                     const std::string& name, double hole_limit, bool close_holes) {
   const TriangleMesh mesh = to_mesh(vertices, faces);
   SurfaceOptions options;
   options.hole_limit = hole_limit;
+  options.close_holes = close_holes;
   py::gil_scoped_release unlocked;
   return prepare_surface(mesh, name, options);
+}
+
+py::array_t<bool> cap_faces(const Surface& surface) {
+  py::array_t<bool> marks(static_cast<py::ssize_t>(surface.mesh.faces.size()));
+  std::fill_n(marks.mutable_data(), marks.size(), false);
+  std::copy(surface.is_cap.begin(), surface.is_cap.end(), marks.mutable_data());
+  return marks;
 }
 
 py::tuple bind_closest(const Surface& surface, const Array<double>& points_in) {
@@ -65,26 +77,88 @@ py::tuple bind_closest(const Surface& surface, const Array<double>& points_in) {
                         points_array(closest), to_array(std::move(side)));
 }
 
-py::dict bind_voxelise(const Surface& skin, const Array<bool>& outer,
-                       const std::vector<const Surface*>& bones,
-                       const std::vector<const Surface*>& parts, std::array<double, 3> origin,
-                       std::array<double, 3> voxel, std::array<std::int64_t, 3> count, int samples,
-                       const std::vector<double>& boundaries, double cap,
-                       std::array<double, 3> region_low, std::array<double, 3> region_high) {
-  if (outer.ndim() != 1 || static_cast<std::size_t>(outer.shape(0)) != skin.mesh.faces.size())
+std::vector<std::int32_t> to_cells(const Array<std::int32_t>& cells) {
+  check_columns(cells, "cells", 3);
+  return {cells.data(), cells.data() + cells.size()};
+}
+
+LabelImage to_image(const Array<std::uint16_t>& labels, const Array<double>& to_index) {
+  if (labels.ndim() != 3 || labels.size() == 0)
+    throw InputError("labels: an array of shape (nx, ny, nz) is needed");
+  if (to_index.ndim() != 2 || to_index.shape(0) != 3 || to_index.shape(1) != 4)
+    throw InputError("to_index: an array of shape (3, 4) is needed");
+  LabelImage image;
+  image.labels.assign(labels.data(), labels.data() + labels.size());
+  for (int axis = 0; axis < 3; ++axis) {
+    const double* row = to_index.data() + 4 * axis;
+    image.size[axis] = labels.shape(axis);
+    image.axes[axis] = {row[0], row[1], row[2]};
+    image.offset[axis] = row[3];
+  }
+  return image;
+}
+
+// A volume: a Surface, or (LabelImage, member labels).
+Volume to_volume(const py::handle& given) {
+  Volume volume;
+  if (py::isinstance<Surface>(given)) {
+    volume.surface = given.cast<const Surface*>();
+    return volume;
+  }
+  const auto pair = given.cast<py::tuple>();
+  volume.image = pair[0].cast<const LabelImage*>();
+  volume.members.assign(std::size_t{1} << 16, 0);
+  for (const auto label : pair[1].cast<std::vector<std::uint16_t>>()) volume.members[label] = 1;
+  return volume;
+}
+
+py::dict tally_dict(const Tally& tally) {
+  const auto counts = [](const std::vector<std::uint64_t>& values) {
+    return to_array(std::vector<std::uint64_t>(values));
+  };
+  py::dict d;
+  d["inside"] = counts(tally.inside);
+  d["covered_twice"] = counts(tally.covered_twice);
+  d["reversed"] = counts(tally.reversed);
+  d["both"] = to_array(std::vector<std::uint64_t>(tally.both), tally.n);
+  return d;
+}
+
+py::dict bind_voxelise(const py::object& skin, const Surface& outer_surface,
+                       const Array<bool>& outer, const py::list& bones, const py::list& parts,
+                       std::array<double, 3> origin, std::array<double, 3> voxel,
+                       std::array<std::int64_t, 3> count, int samples,
+                       const std::vector<Array<double>>& boundaries, double cap,
+                       const std::vector<std::pair<std::array<double, 6>, double>>& local_caps,
+                       std::array<double, 3> region_low, std::array<double, 3> region_high,
+                       int bone_rank, const std::vector<int>& part_ranks,
+                       const std::vector<int>& layer_ranks) {
+  const TriangleMesh& mesh = outer_surface.mesh;
+  if (outer.ndim() != 1 || static_cast<std::size_t>(outer.shape(0)) != mesh.faces.size())
     throw InputError("outer: one value per skin face is needed");
+  if (part_ranks.size() != parts.size() || layer_ranks.size() != boundaries.size() + 1)
+    throw InputError("ranks: one per part and layer is needed");
   VoxeliseInput input;
   input.grid = {to_vec3(origin), to_vec3(voxel), count};
   input.samples = samples;
-  input.skin = &skin.mesh;
-  input.outer.vertices = skin.mesh.vertices;
-  for (std::size_t f = 0; f < skin.mesh.faces.size(); ++f)
-    if (outer.data()[f]) input.outer.faces.push_back(skin.mesh.faces[f]);
-  for (const Surface* surface : bones) input.bones.push_back(&surface->mesh);
-  for (const Surface* surface : parts) input.parts.push_back(&surface->mesh);
-  input.boundaries = boundaries;
+  input.skin = to_volume(skin);
+  input.outer.vertices = mesh.vertices;
+  for (std::size_t f = 0; f < mesh.faces.size(); ++f)
+    if (outer.data()[f]) input.outer.faces.push_back(mesh.faces[f]);
+  for (const auto& bone : bones) input.bones.push_back(to_volume(bone));
+  for (const auto& part : parts) input.parts.push_back(to_volume(part));
+  for (const auto& layer : boundaries) {
+    if (layer.size() != 1 && static_cast<std::size_t>(layer.size()) != mesh.vertices.size())
+      throw InputError("boundaries: one value, or one per skin vertex, is needed");
+    input.boundaries.emplace_back(layer.data(), layer.data() + layer.size());
+  }
   input.cap = cap;
+  for (const auto& [box, depth] : local_caps)
+    input.local_caps.push_back({{{box[0], box[1], box[2]}, {box[3], box[4], box[5]}}, depth});
   input.region = {to_vec3(region_low), to_vec3(region_high)};
+  input.bone_rank = bone_rank;
+  input.part_ranks = part_ranks;
+  input.layer_ranks = layer_ranks;
   Voxels voxels;
   {
     py::gil_scoped_release unlocked;
@@ -96,24 +170,34 @@ py::dict bind_voxelise(const Surface& skin, const Array<bool>& outer,
   d["first"] = to_array(std::move(voxels.first), voxels.n_tissues);
   d["second"] = to_array(std::move(voxels.second), voxels.n_tissues);
   d["normal"] = to_array(std::move(voxels.normal), 3);
+  d["inner"] = to_array(std::move(voxels.inner));
+  d["too_deep"] = voxels.too_deep;
+  d["tally"] = tally_dict(voxels.tally);
   return d;
 }
 
-std::vector<std::int32_t> to_cells(const Array<std::int32_t>& cells) {
-  check_columns(cells, "cells", 3);
-  return {cells.data(), cells.data() + cells.size()};
+py::array_t<double> bind_gaps(const std::vector<const Surface*>& surfaces,
+                              std::array<double, 3> origin, std::array<double, 3> voxel,
+                              const Array<std::int32_t>& cells_in, double width) {
+  const auto cells = to_cells(cells_in);
+  std::vector<double> volumes;
+  {
+    py::gil_scoped_release unlocked;
+    volumes = gap_volumes(surfaces, to_vec3(origin), to_vec3(voxel), cells, width);
+  }
+  return to_array(std::move(volumes), surfaces.size());
 }
 
-py::tuple bind_clean(const Array<std::int32_t>& cells_in, int min_neighbours) {
+py::tuple bind_clean(const Array<std::int32_t>& cells_in, int min_neighbours, bool largest_only) {
   const auto cells = to_cells(cells_in);
   CleanedCells cleaned;
   {
     py::gil_scoped_release unlocked;
-    cleaned = clean_cells(cells, min_neighbours);
+    cleaned = clean_cells(cells, min_neighbours, largest_only);
   }
   py::array_t<bool> keep(static_cast<py::ssize_t>(cleaned.keep.size()));
   std::copy(cleaned.keep.begin(), cleaned.keep.end(), keep.mutable_data());
-  return py::make_tuple(keep, cleaned.loose, cleaned.dropped);
+  return py::make_tuple(keep, cleaned.loose, cleaned.smaller);
 }
 
 }  // namespace
@@ -132,17 +216,28 @@ void define_geometry(py::module_& module) {
       .def_property_readonly("vertices",
                              [](const Surface& s) { return points_array(s.mesh.vertices); })
       .def_property_readonly("faces", [](const Surface& s) { return faces_array(s.mesh.faces); })
+      .def_property_readonly("is_cap", &cap_faces, "faces that close a hole above the limit")
       .def_property_readonly("report", [](const Surface& s) { return report_dict(s.report); })
       .def("closest_points", &bind_closest, py::arg("points"),
            "Squared distance (m^2), face, closest point and side (+1 outside) of (n, 3) points.");
   module.def("prepare_surface", &bind_prepare, py::arg("vertices"), py::arg("faces"),
              py::arg("name"), py::arg("hole_limit") = SurfaceOptions{}.hole_limit,
+             py::arg("close_holes") = false,
              "Checks, welds, orients and closes a triangle surface; raises InputError.");
-  module.def("voxelise", &bind_voxelise, py::kw_only(), py::arg("skin"), py::arg("outer"),
-             py::arg("bones"), py::arg("parts"), py::arg("origin"), py::arg("voxel"),
-             py::arg("count"), py::arg("samples"), py::arg("boundaries"), py::arg("cap"),
-             py::arg("region_low"), py::arg("region_high"),
-             "Samples surfaces into voxels: cells, shares, first, second, normal.");
+  py::class_<LabelImage>(module, "LabelImage", "A labelled voxel image.")
+      .def(py::init(&to_image), py::arg("labels"), py::arg("to_index"),
+           "labels (nx, ny, nz) uint16; to_index (3, 4): voxel index of a point in metres.");
+  module.def("voxelise", &bind_voxelise, py::kw_only(), py::arg("skin"), py::arg("outer_surface"),
+             py::arg("outer"), py::arg("bones"), py::arg("parts"), py::arg("origin"),
+             py::arg("voxel"), py::arg("count"), py::arg("samples"), py::arg("boundaries"),
+             py::arg("cap"), py::arg("local_caps"), py::arg("region_low"), py::arg("region_high"),
+             py::arg("bone_rank"), py::arg("part_ranks"), py::arg("layer_ranks"),
+             "Samples volumes into voxels: cells, shares, first, second, normal, inner, too_deep, "
+             "tally.");
+  module.def("gap_volumes", &bind_gaps, py::arg("surfaces"), py::arg("origin"), py::arg("voxel"),
+             py::arg("cells"), py::arg("width"),
+             "Volume (m3) of gaps between each two surfaces, the last of which is the skin.");
   module.def("clean_cells", &bind_clean, py::arg("cells"), py::arg("min_neighbours"),
-             "Keep mask, number of loose cells removed, sizes of the smaller parts removed.");
+             py::arg("largest_only"),
+             "Keep mask, number of loose cells removed, sizes of the parts but the largest.");
 }

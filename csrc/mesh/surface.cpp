@@ -5,10 +5,12 @@
 #include <map>
 #include <memory>
 #include <numeric>
+#include <set>
 #include <utility>
 
 #include "core/error.hpp"
 #include "mesh/bvh.hpp"
+#include "mesh/duplicates.hpp"
 #include "mesh/scanline.hpp"
 
 namespace tledface {
@@ -16,6 +18,8 @@ namespace {
 
 // A volume below this fraction of the box diagonal cubed counts as none (rounding of a flat sheet).
 constexpr double kNoVolume = 1e-9;
+constexpr double kMostHoles = 0.9;  // area of what closes holes over that of the faces given
+constexpr double kPi = 3.14159265358979323846;
 constexpr double kFarthest = 1e6;  // m; beyond it a vertex is damage, not anatomy
 
 std::string number(double value) {
@@ -45,30 +49,6 @@ void check_input(const TriangleMesh& mesh, const std::string& name) {
       if (v < 0 || v >= n)
         throw InputError(name + ": face " + std::to_string(f) + " names vertex " +
                          std::to_string(v) + ", allowed are 0 to " + std::to_string(n - 1));
-}
-
-// Keeps one face of each signed set of equal ones; opposite twins cancel. Needs sorted faces.
-std::size_t remove_duplicates(TriangleMesh& mesh) {
-  // Faces start at their lowest vertex, so the two windings differ in the order of the others.
-  std::vector<std::pair<Face, int>> signed_faces;
-  signed_faces.reserve(mesh.faces.size());
-  for (const Face& face : mesh.faces)
-    if (face[1] < face[2])
-      signed_faces.push_back({face, 1});
-    else
-      signed_faces.push_back({{face[0], face[2], face[1]}, -1});
-  std::sort(signed_faces.begin(), signed_faces.end());
-  const std::size_t before = mesh.faces.size();
-  mesh.faces.clear();
-  for (std::size_t begin = 0, end; begin < signed_faces.size(); begin = end) {
-    int net = 0;
-    const Face& face = signed_faces[begin].first;
-    for (end = begin; end < signed_faces.size() && signed_faces[end].first == face; ++end)
-      net += signed_faces[end].second;
-    if (net != 0) mesh.faces.push_back(net > 0 ? face : Face{face[0], face[2], face[1]});
-  }
-  sort_faces(mesh);
-  return before - mesh.faces.size();
 }
 
 struct Components {
@@ -210,38 +190,86 @@ std::vector<std::vector<std::int32_t>> boundary_loops(const TriangleMesh& mesh) 
   return loops;
 }
 
-void fill_holes(TriangleMesh& mesh, const std::string& name, double diagonal, double limit,
-                SurfaceReport& report) {
+// Closes the holes; returns the first and the end of the faces that close each one above the limit.
+std::vector<std::array<std::size_t, 2>> fill_holes(TriangleMesh& mesh, const std::string& name,
+                                                   double diagonal, const SurfaceOptions& options,
+                                                   SurfaceReport& report) {
   const auto loops = boundary_loops(mesh);
-  std::size_t open_edges = 0;
+  std::vector<double> perimeters;
   for (const auto& loop : loops) {
-    open_edges += loop.size();
+    report.open_edges += loop.size();
     double perimeter = 0;
     for (std::size_t i = 0; i < loop.size(); ++i)
       perimeter += norm(mesh.vertices[loop[(i + 1) % loop.size()]] - mesh.vertices[loop[i]]);
+    perimeters.push_back(perimeter);
     report.largest_hole = std::max(report.largest_hole, perimeter);
+    report.hole_volume += perimeter * perimeter * perimeter / (12 * kPi * kPi);
   }
-  if (report.largest_hole > limit * diagonal)
-    throw InputError(name + ": the surface is open: " + std::to_string(open_edges) +
+  const double limit = options.hole_limit * diagonal;
+  if (report.largest_hole > limit && !options.close_holes)
+    throw InputError(name + ": the surface is open: " + std::to_string(report.open_edges) +
                      " open edges in " + std::to_string(loops.size()) +
                      (loops.size() == 1 ? " hole, " : " holes, the largest ") +
                      millimetres(report.largest_hole) + " around; holes up to " +
-                     millimetres(limit * diagonal) + " (" + number(100 * limit) +
-                     " % of the size) are filled, close the larger ones in a mesh editor");
-  report.holes_filled = loops.size();
-  for (const auto& loop : loops) {
+                     millimetres(limit) + " (" + number(100 * options.hole_limit) +
+                     " % of the size) are filled, close the larger ones in a mesh editor, or take "
+                     "holes = \"close\"");
+  const double own_area = surface_area(mesh);
+  std::vector<std::array<std::size_t, 2>> caps;
+  for (std::size_t l = 0; l < loops.size(); ++l) {
+    const auto& loop = loops[l];
+    const bool large = perimeters[l] > limit;
+    ++(large ? report.holes_closed : report.holes_filled);
+    const std::size_t begin = mesh.faces.size();
     // Fill faces run against the open edges.
     if (loop.size() == 3) {
       mesh.faces.push_back({loop[0], loop[2], loop[1]});
-      continue;
+    } else {
+      Vec3 sum;
+      for (const auto v : loop) sum = sum + mesh.vertices[v];
+      const auto centre = static_cast<std::int32_t>(mesh.vertices.size());
+      mesh.vertices.push_back((1.0 / static_cast<double>(loop.size())) * sum);
+      for (std::size_t i = 0; i < loop.size(); ++i)
+        mesh.faces.push_back({loop[(i + 1) % loop.size()], loop[i], centre});
     }
-    Vec3 sum;
-    for (const auto v : loop) sum = sum + mesh.vertices[v];
-    const auto centre = static_cast<std::int32_t>(mesh.vertices.size());
-    mesh.vertices.push_back((1.0 / static_cast<double>(loop.size())) * sum);
-    for (std::size_t i = 0; i < loop.size(); ++i)
-      mesh.faces.push_back({loop[(i + 1) % loop.size()], loop[i], centre});
+    if (large) caps.push_back({begin, mesh.faces.size()});
   }
+  // Scattered patches are each closed by about their own area and hold nothing.
+  if (surface_area(mesh) - own_area > kMostHoles * own_area)
+    throw InputError(name + ": the surface is open: its " + std::to_string(loops.size()) +
+                     " holes are as large as itself, so that it says no shape; close them in a "
+                     "mesh editor");
+  return caps;
+}
+
+// A face by the places of its corners, which a renumbering does not change.
+std::array<Vec3, 3> places(const TriangleMesh& mesh, const Face& face) {
+  std::array<Vec3, 3> corners{mesh.vertices[face[0]], mesh.vertices[face[1]],
+                              mesh.vertices[face[2]]};
+  std::sort(corners.begin(), corners.end());
+  return corners;
+}
+
+// Keeps the faces that close large holes, now that they are turned the right way.
+void take_caps(const TriangleMesh& mesh, const std::vector<std::array<std::size_t, 2>>& ranges,
+               Surface& surface) {
+  for (const auto& [begin, end] : ranges) {
+    TriangleMesh cap;
+    for (std::size_t f = begin; f < end; ++f) {
+      const auto first = static_cast<std::int32_t>(cap.vertices.size());
+      for (const auto v : mesh.faces[f]) cap.vertices.push_back(mesh.vertices[v]);
+      cap.faces.push_back({first, first + 1, first + 2});
+    }
+    surface.caps.push_back(std::move(cap));
+  }
+}
+
+void mark_caps(Surface& surface) {
+  std::set<std::array<Vec3, 3>> capped;
+  for (const TriangleMesh& cap : surface.caps)
+    for (const Face& face : cap.faces) capped.insert(places(cap, face));
+  for (const Face& face : surface.mesh.faces)
+    surface.is_cap.push_back(static_cast<char>(capped.count(places(surface.mesh, face))));
 }
 
 // Turns the whole surface if it is inside out as a whole, so that its cavities stay cavities; then
@@ -267,17 +295,22 @@ void turn_inverted(TriangleMesh& mesh, const Components& components, SurfaceRepo
     if (volume >= 0) continue;
     constexpr std::size_t kProbes = 16;
     const std::size_t stride = members[c].size() / kProbes + 1;
-    bool within = components.count > 1;
-    if (within && !tree) tree = std::make_unique<Bvh>(mesh);
-    for (std::size_t m = 0; within && m < members[c].size(); m += stride) {
-      const Vec3& probe = mesh.vertices[mesh.faces[members[c][m]][0]];
+    // By the most of the probes: damage may drag a corner of a cavity out through the wall.
+    int n_probes = 0, n_within = 0;
+    if (components.count > 1 && !tree) tree = std::make_unique<Bvh>(mesh);
+    for (std::size_t m = 0; tree && m < members[c].size(); m += stride) {
+      const Face& face = mesh.faces[members[c][m]];
+      const Vec3 probe =
+          (1.0 / 3) * (mesh.vertices[face[0]] + mesh.vertices[face[1]] + mesh.vertices[face[2]]);
       int winding = 0;
       tree->visit_column(probe.x, probe.y, [&](std::int32_t f) {
         if (components.of_face[f] != c)
           winding += winding_of_face(tree->mesh(), tree->mesh().faces[f], probe);
       });
-      within = winding != 0;
+      ++n_probes;
+      n_within += winding != 0;
     }
+    const bool within = 2 * n_within > n_probes;
     if (within) {
       ++report.cavities;
       continue;
@@ -323,12 +356,14 @@ Surface prepare_surface(const TriangleMesh& input, const std::string& name,
 
   Components components;
   report.flipped_faces = orient_components(mesh, components, name);
-  fill_holes(mesh, name, diagonal, options.hole_limit, report);
+  const auto caps = fill_holes(mesh, name, diagonal, options, report);
   report.flipped_faces += orient_components(mesh, components, name);
   merge_groups(mesh, components);
   report.components = static_cast<std::size_t>(components.count);
   turn_inverted(mesh, components, report);
+  take_caps(mesh, caps, surface);
   mesh = weld(mesh, 0);
+  if (!surface.caps.empty()) mark_caps(surface);
 
   surface.area = surface_area(mesh);
   surface.moments = volume_moments(mesh);

@@ -60,7 +60,8 @@ class CellIndex {
 
 }  // namespace
 
-CleanedCells clean_cells(const std::vector<std::int32_t>& cells, int min_neighbours) {
+CleanedCells clean_cells(const std::vector<std::int32_t>& cells, int min_neighbours,
+                         bool largest_only) {
   const std::size_t n = cells.size() / 3;
   CleanedCells result;
   result.keep.assign(n, 1);
@@ -113,10 +114,10 @@ CleanedCells clean_cells(const std::vector<std::int32_t>& cells, int min_neighbo
   const auto largest =
       static_cast<std::int32_t>(std::max_element(sizes.begin(), sizes.end()) - sizes.begin());
   for (std::size_t e = 0; e < n; ++e)
-    if (part[e] != largest) result.keep[e] = 0;
+    if (largest_only && part[e] != largest) result.keep[e] = 0;
   sizes.erase(sizes.begin() + largest);
   std::sort(sizes.begin(), sizes.end(), std::greater<>());
-  result.dropped = std::move(sizes);
+  result.smaller = std::move(sizes);
   return result;
 }
 

@@ -19,7 +19,10 @@ class _SurfaceReport(TypedDict):
     inverted_components: int
     cavities: int
     components: int
+    open_edges: int
     holes_filled: int
+    holes_closed: int
+    hole_volume: float
     largest_hole: float
     seams_joined: bool
 
@@ -39,31 +42,53 @@ class Surface:
     @property
     def faces(self) -> NDArray[np.int32]: ...
     @property
+    def is_cap(self) -> NDArray[np.bool_]: ...
+    @property
     def report(self) -> _SurfaceReport: ...
     def closest_points(
         self, points: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.int32]]: ...
 
 def prepare_surface(
-    vertices: ArrayLike, faces: ArrayLike, name: str, hole_limit: float = 0.1
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    name: str,
+    hole_limit: float = 0.1,
+    close_holes: bool = False,
 ) -> Surface: ...
+
+class LabelImage:
+    def __init__(self, labels: ArrayLike, to_index: ArrayLike) -> None: ...
+
 def voxelise(
     *,
-    skin: Surface,
+    skin: Surface | tuple[LabelImage, Sequence[int]],
+    outer_surface: Surface,
     outer: ArrayLike,
-    bones: Sequence[Surface],
-    parts: Sequence[Surface],
+    bones: Sequence[Surface | tuple[LabelImage, Sequence[int]]],
+    parts: Sequence[Surface | tuple[LabelImage, Sequence[int]]],
     origin: Sequence[float],
     voxel: Sequence[float],
     count: Sequence[int],
     samples: int,
-    boundaries: Sequence[float],
+    boundaries: Sequence[ArrayLike],
     cap: float,
+    local_caps: Sequence[tuple[Sequence[float], float]],
     region_low: Sequence[float],
     region_high: Sequence[float],
-) -> dict[str, NDArray[Any]]: ...
+    bone_rank: int,
+    part_ranks: Sequence[int],
+    layer_ranks: Sequence[int],
+) -> dict[str, Any]: ...
+def gap_volumes(
+    surfaces: Sequence[Surface],
+    origin: Sequence[float],
+    voxel: Sequence[float],
+    cells: ArrayLike,
+    width: float,
+) -> NDArray[np.float64]: ...
 def clean_cells(
-    cells: ArrayLike, min_neighbours: int
+    cells: ArrayLike, min_neighbours: int, largest_only: bool
 ) -> tuple[NDArray[np.bool_], int, list[int]]: ...
 
 # bind_model.cpp

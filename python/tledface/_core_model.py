@@ -95,6 +95,7 @@ def core_model(
             positions=model.nodes - _frame_origin(model),
             corners=model.elements[:, _CORNERS_BY_BITS],
         )
+    fill = model.fill
     for name, elements, rows in model.law_rows():
         core.add_law(name=name, elements=elements, rows=rows)
     for muscle in model.muscles if muscles else []:
@@ -102,7 +103,7 @@ def core_model(
             name=muscle.name,
             elements=muscle.elements,
             fibre=muscle.fibre,
-            weight=muscle.weight,
+            weight=muscle.weight if fill is None else muscle.weight * fill[muscle.elements],
             sigma_act=muscle.sigma_act,
             sigma_pas=muscle.sigma_pas,
             lambda_opt=muscle.lambda_opt,

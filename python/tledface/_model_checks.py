@@ -81,6 +81,20 @@ def checked_fractions(fractions: ArrayLike, n_elem: int, tissues: list[str]) -> 
     return table
 
 
+def checked_fill(fill: ArrayLike | None, n_elem: int) -> Floats | None:
+    """Return what each element weighs, above 0 to 1, or None."""
+    if fill is None:
+        return None
+    values = floats("fill", fill)
+    if values.shape != (n_elem,):
+        raise InputError(f"fill: got shape {values.shape}, need ({n_elem},)")
+    good = (values > 0.0) & (values <= 1.0)
+    if not good.all():
+        element = int(np.argmin(good))
+        raise InputError(f"fill: element {element} has {values[element]:g}, need above 0, up to 1")
+    return values
+
+
 def checked_section(
     section_ratio: ArrayLike | None, layer_normal: ArrayLike | None, n_elem: int
 ) -> tuple[Floats | None, Floats | None]:

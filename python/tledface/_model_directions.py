@@ -31,6 +31,7 @@ class DirectionsMixin:
     directions: dict[str, dict[str, Floats]]
 
     if TYPE_CHECKING:
+        fill: Floats | None
 
         @property
         def centres(self) -> Floats: ...
@@ -131,8 +132,8 @@ class DirectionsMixin:
 
         Returns:
             For each tissue's law and modifier the elements (m,) that hold the tissue and the rows
-            (m, 1 + values): the tissue's fraction as weight, then the law's values, with the
-            directions of `set_directions` where there are any.
+            (m, 1 + values): the tissue's fraction times ``fill`` as weight, then the law's values,
+            with the directions of `set_directions` where there are any.
         """
         result = []
         for column, material in enumerate(self.tissue_materials):
@@ -143,6 +144,8 @@ class DirectionsMixin:
                     continue
                 rows = np.empty((len(elements), 1 + len(values)))
                 rows[:, 0] = self.fractions[elements, column]
+                if self.fill is not None:
+                    rows[:, 0] *= self.fill[elements]
                 rows[:, 1:] = values
                 for direction, first in all_laws()[name].direction_rows.items():
                     if direction in fields:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,10 +19,10 @@ from tledface.geometry import (
     mean_fibres,
     outer_faces,
     read_polygons,
-    read_surface,
     section_ratio,
-    voxelise,
 )
+from tledface.geometry.report import surface_repairs
+from tledface.geometry.sources import read_sources, sample
 from tledface.geometry.surfaces import SURFACE_FORMATS
 from tledface.model import Model
 from tledface.polygons import Polygons
@@ -58,43 +57,26 @@ def build_model(scene: Scene) -> Model:
         InputError: a surface that cannot be used, too many voxels for the memory, no tissue, a
             muscle that no voxel holds, a boundary entry that names no bone.
 
-    Where volumes overlap, bone comes before muscle before skin layers. A boundary entry without
-    nodes gives a ``BuildWarning``.
+    A boundary entry without nodes gives a ``BuildWarning``.
     """
     start = time.perf_counter()
-    geometry = scene.geometry
-    skin = read_surface(geometry.skin, unit_scale=geometry.unit_scale)
-    bones = [read_surface(path, unit_scale=geometry.unit_scale) for path in geometry.bones]
-    muscles = [
-        [read_surface(path, unit_scale=geometry.unit_scale) for path in muscle.surfaces]
-        for muscle in scene.muscles
-    ]
-    parts = [surface for surfaces in muscles for surface in surfaces]
+    sources = read_sources(scene)
+    skin, muscles = sources.skin, sources.muscles
     read = time.perf_counter()
-    voxels = voxelise(
-        skin.solid,
-        voxel=geometry.voxel,
-        boundaries=_boundaries([layer.thickness for layer in scene.layers[:-1]]),
-        bones=[bone.solid for bone in bones],
-        muscles=[part.solid for part in parts],
-        samples=geometry.samples,
-        depth=geometry.depth,
-        region=geometry.region,
-        outer=geometry.outer,
-        fill=geometry.fill,
-        align=grid_planes(scene),
-    )
+    voxels = sample(scene, sources, align=grid_planes(scene))
     sampled = time.perf_counter()
     model = _assemble(scene, voxels, [len(surfaces) for surfaces in muscles])
     fibres = _add_muscles(model, scene, voxels, muscles)
     model.gravity = np.asarray(scene.solver.gravity)
-    outer = skin.solid.faces[outer_faces(skin.solid, geometry.outer)]
+    outer = skin.solid.faces[outer_faces(skin.solid, scene.geometry.outer)]
     boundary, problems = bind_boundary(
         model,
         scene,
         [
             Bone(name, bone.solid.vertices, bone.solid.faces)
-            for name, bone in zip(bone_names([bone.path for bone in bones]), bones, strict=True)
+            for name, bone in zip(
+                bone_names([bone.path for bone in sources.bones]), sources.bones, strict=True
+            )
         ],
         (skin.solid.vertices, outer),
     )
@@ -108,14 +90,15 @@ def build_model(scene: Scene) -> Model:
         "partly_filled": int(np.count_nonzero(voxels.fill < 1.0 - 1e-9)),
         "muscle_elements": {muscle.name: len(muscle.elements) for muscle in model.muscles},
         "fibres": fibres,
-        "dropped_components": voxels.report["unconnected"],
-        "dropped_loose_voxels": voxels.report["loose"],
-        "memory_estimate": voxels.report["memory_estimate"],
+        "dropped_components": _removed(voxels, "unconnected", "parts", []),
+        "dropped_loose_voxels": _removed(voxels, "loose", "voxels", 0),
+        **voxels.report,
         "bound_vertices": {
             name: [int(np.count_nonzero(bound.bound)), len(bound.vertices)]
             for name, bound in model.surfaces.items()
         },
-        "surfaces": {str(file.path): file.solid.report for file in (skin, *bones, *parts)},
+        "surfaces": {file.solid.name: file.solid.report for file in sources.files},
+        "repairs": [repair for file in sources.files for repair in surface_repairs(file.solid)],
         "warnings": problems,
         "seconds": {
             "read": read - start,
@@ -130,8 +113,9 @@ def build_model(scene: Scene) -> Model:
     return model
 
 
-def _boundaries(thicknesses: Sequence[float | None]) -> list[float]:
-    return [float(depth) for depth in np.cumsum([t for t in thicknesses if t is not None])]
+def _removed(voxels: VoxelSet, kind: str, key: str, none: Any) -> Any:
+    found = voxels.report["left_out"].get(kind, {"removed": False})
+    return found[key] if found["removed"] else none
 
 
 def _assemble(scene: Scene, voxels: VoxelSet, surfaces_per_muscle: list[int]) -> Model:
@@ -154,6 +138,7 @@ def _assemble(scene: Scene, voxels: VoxelSet, surfaces_per_muscle: list[int]) ->
         fractions,
         section_ratio=section_ratio(voxels, moduli) if section else None,
         layer_normal=voxels.normal if section else None,
+        fill=voxels.weight if (voxels.weight < 1.0).any() else None,
         surfaces={},
     )
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from tledface import device as device_module
 from tledface.boundary import boundary_text
+from tledface.geometry.report import GEOMETRY_KEYS, geometry_lines
 from tledface.progress import spinner
 from tledface.run import simulator_of
 
@@ -34,7 +35,8 @@ class Check:
 
     ``tissues`` and ``muscles`` count the voxels that hold some of each, ``boundary`` is the report
     on what binds nodes, ``surfaces`` counts the vertices of each that move with the tissue, and
-    all; ``memory_bytes`` is the peak of the process while building and simulating.
+    all; ``geometry`` is the part of the model's report about its volumes (m3); ``memory_bytes`` is
+    the peak of the process while building and simulating.
     """
 
     scene: str
@@ -47,6 +49,7 @@ class Check:
     boundary: dict[str, Any]
     surfaces: dict[str, list[int]]
     dropped_voxels: int
+    geometry: dict[str, Any]
     memory_bytes: int | None
     dt_s: float
     dt_crit_s: float
@@ -71,6 +74,7 @@ class Check:
             [
                 f"scene      {self.scene}: valid",
                 f"voxels     {self.elements:,}; {self.dropped_voxels:,} loose ones left out",
+                *(f"{label:<10} {text}" for label, text in geometry_lines(self.geometry)),
                 f"nodes      {self.nodes:,}, {self.fixed_nodes:,} of them held"
                 + (f", {self.sliding_nodes:,} sliding" if self.sliding_nodes else ""),
                 *(f"           {line}" for line in self._bound_lines()),
@@ -126,6 +130,7 @@ def check_scene(
             name: [int(np.count_nonzero(bound.bound)), len(bound.vertices)]
             for name, bound in model.surfaces.items()
         },
+        geometry={key: report[key] for key in GEOMETRY_KEYS if key in report},
         dropped_voxels=sum(report.get("dropped_components", []))
         + report.get("dropped_loose_voxels", 0),
         memory_bytes=_peak_memory(),

@@ -69,7 +69,7 @@ class HexahedralModel(Model):
             )
         self.nodes = np.array(points)
         self.elements = corners.astype(np.int32)
-        self.section_ratio = self.layer_normal = None
+        self.section_ratio = self.layer_normal = self.fill = None
         names = checked_tissues(tissues, tissue_materials)
         self._hold(
             names,

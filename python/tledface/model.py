@@ -21,6 +21,7 @@ from tledface._model_checks import (
     Mask,
     checked_cells,
     checked_fibre,
+    checked_fill,
     checked_fractions,
     checked_section,
     checked_tissues,
@@ -59,6 +60,8 @@ class Model(ConditionsMixin, DirectionsMixin):
         section_ratio: (n_elem,) bending over mean modulus of a layered voxel, or None (blended).
         layer_normal: (n_elem, 3) unit normal of the layers in a voxel, or None.
         directions: (n_elem, 3) by tissue, then direction of its law: what `set_directions` gave.
+        fill: (n_elem,) what density, stiffness and muscle weights are multiplied by, above 0 to 1,
+            or None (all 1): partly filled voxels.
         fixed: (n_nodes, 3) bool, held components: they keep the displacement they start with.
         muscles: the muscles, in the order they were added.
         prescribed, body_forces, pressures: what `prescribe`, `body_force`, `pressure` gave.
@@ -81,6 +84,7 @@ class Model(ConditionsMixin, DirectionsMixin):
         *,
         section_ratio: ArrayLike | None = None,
         layer_normal: ArrayLike | None = None,
+        fill: ArrayLike | None = None,
         surfaces: Mapping[str, BoundSurface] | None = None,
     ) -> None:
         """Check and hold the arrays; see `from_voxels` for the arguments."""
@@ -98,6 +102,7 @@ class Model(ConditionsMixin, DirectionsMixin):
         self.section_ratio, self.layer_normal = checked_section(
             section_ratio, layer_normal, len(self.cells)
         )
+        self.fill = checked_fill(fill, len(self.cells))
         self._hold(names, list(tissue_materials), table, surfaces)
 
     def _hold(
@@ -172,6 +177,7 @@ class Model(ConditionsMixin, DirectionsMixin):
         *,
         section_ratio: ArrayLike | None = None,
         layer_normal: ArrayLike | None = None,
+        fill: ArrayLike | None = None,
         surfaces: Mapping[str, BoundSurface] | None = None,
     ) -> Model:
         """Return a model of the given cells.
@@ -186,6 +192,8 @@ class Model(ConditionsMixin, DirectionsMixin):
             section_ratio: (n_elem,) bending over mean modulus of a layered voxel; needs
                 ``layer_normal``. None: voxels bend with their mean modulus.
             layer_normal: (n_elem, 3) unit normal of the layers.
+            fill: (n_elem,) above 0 to 1, what a partly filled element's density, stiffness and
+                muscles are multiplied by; None: 1.
             surfaces: Bound surfaces by name; None gives the boundary of the voxels as "surface".
 
         Raises:
@@ -200,6 +208,7 @@ class Model(ConditionsMixin, DirectionsMixin):
             fractions,
             section_ratio=section_ratio,
             layer_normal=layer_normal,
+            fill=fill,
             surfaces=surfaces,
         )
 
@@ -436,15 +445,17 @@ class Model(ConditionsMixin, DirectionsMixin):
             (kg/m3), each (n_elem,); ``bending_modulus`` (n_elem, 3) Pa, for bending that
             stretches along x, y, z.
 
-        Moduli and density are means weighted by the tissue fractions; Young's modulus and
-        Poisson's ratio follow from the mean mu and bulk. A layered voxel bends with the modulus
-        of its section about its own neutral axis, ``E (1 - n_a^2 (1 - section_ratio))`` along
+        Moduli and density are means weighted by the tissue fractions, times ``fill``; Young's
+        modulus and Poisson's ratio follow from the mean mu and bulk. A layered voxel bends with
+        the modulus of its section about its own neutral axis,
+        ``E (1 - n_a^2 (1 - section_ratio))`` along
         axis ``a`` of the layer normal ``n``.
         """
         materials = self.tissue_materials
 
         def mean(values: Sequence[float]) -> Floats:
-            return self.fractions @ np.asarray(values, dtype=np.float64)
+            mean = self.fractions @ np.asarray(values, dtype=np.float64)
+            return mean if self.fill is None else self.fill * mean
 
         base = [m.mu if m.model == "neo_hookean" else 0.0 for m in materials]
         log = mean([m.bulk if m.volumetric == "log" else 0.0 for m in materials])

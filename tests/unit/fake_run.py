@@ -62,7 +62,18 @@ def make_model(*_: object) -> Model:
     )
     model.add_muscle("pull", lambda x: x[:, 2] < 0.002, (1, 0, 0), sigma_act=5e6)
     model.fix(lambda x: x[:, 2] == 0.0)
-    model.report = {"dropped_components": [3, 1], "dropped_loose_voxels": 2}
+    model.report = {
+        "elements": model.n_elements,
+        "dropped_components": [3, 1],
+        "dropped_loose_voxels": 2,
+        "tissue_volume": 1e-6,
+        "left_out": {"too_deep": {"volume": 2e-7, "removed": True}},
+        "volumes": {"skin": {"volume": 1e-6, "covered_twice": 0.0, "inside_out": 0.0}},
+        "overlaps": [],
+        "gaps": [{"names": ["bone.stl", "skin"], "volume": 3e-9}],
+        "surfaces": {},
+        "repairs": ["skin.stl: 2 faces turned"],
+    }
     return model
 
 

@@ -155,8 +155,11 @@ def test_check_reports_and_writes_nothing(call, tmp_path, monkeypatch):
     assert result.exit_code == 0, result.output
     for words in ("2,880", "dermis", "set by pull", "1,000 steps", "6 loose ones", "fake CPU"):
         assert words in result.stdout
+    for words in ("200 mm3: too deep", "3 mm3: bone.stl and skin are less", "2 faces turned"):
+        assert words in result.stdout
     found = json.loads(call("check", scene, "--json").stdout)
     assert found["elements"] == 2880
+    assert found["geometry"]["gaps"][0]["volume"] == 3e-9
     assert found["dt_tissue"] == "pull"
     assert found["muscles"] == {"pull": 1440}
     assert found["tissues"] == {"dermis": 2880}
@@ -166,7 +169,7 @@ def test_check_reports_and_writes_nothing(call, tmp_path, monkeypatch):
 def test_build_then_run_the_model(call, tmp_path):
     result = call("build", fake_run.write_scene(tmp_path), "-o", "brow.h5")
     assert result.exit_code == 0, result.output
-    assert "2,880 voxels" in result.stdout
+    assert "2,880 voxels" in result.stdout and "2 faces turned" in result.stdout
     result = call("run", "brow.h5", "-o", "out", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout)["steps"] == 1000

@@ -36,7 +36,12 @@ MATERIAL = {
 TABLES = {
     "schema": 1,
     "units": "m",
-    "geometry": {"skin": "skin.stl", "voxel": 1.0},
+    "geometry": {
+        "skin": "skin.stl",
+        "voxel": 1.0,
+        "depth_in": [{"box": [[0, 0, 0], [1, 1, 1]], "depth": 1.0}],
+        "labels": {"file": "labels.nii"},
+    },
     "layers": [{"name": "skin", "thickness": 1.0, "material": MATERIAL}],
     "muscles": [
         {
@@ -63,6 +68,8 @@ TABLES = {
 SECTIONS = {
     "Top of the file": (None, ()),
     "`[geometry]`": ("Geometry", ("geometry",)),
+    "depth_in": ("DepthIn", ("geometry", "depth_in", 0)),
+    "`[geometry.labels]`": ("Labels", ("geometry", "labels")),
     "`[[layers]]`": ("Layer", ("layers", 0)),
     "`[[muscles]]`": ("MuscleSpec", ("muscles", 0)),
     "`[boundary]`": ("Boundary", ("boundary",)),

@@ -70,7 +70,7 @@ def test_repairs_are_made_and_reported():
     solid = prepare(sphere.vertices, damaged)
     report = solid.report
     assert report["degenerate_faces"] == 1
-    assert report["duplicate_faces"] == 4 + 4
+    assert report["duplicate_faces"] == 4 + 2
     assert report["holes_filled"] >= 1
     assert report["flipped_faces"] > 0
     assert report["components"] == 1
@@ -200,3 +200,29 @@ def test_sliver_and_zero_area_triangles_have_a_closest_point():
     solid = prepare(vertices, np.concatenate([box.faces, flat]))
     assert np.isfinite(solid.closest_points(np.zeros((1, 3)))[0]).all()
     assert solid.volume == pytest.approx(1.0)
+
+
+def boxes(*bounds):
+    return trimesh.util.concatenate([trimesh.creation.box(bounds=b) for b in bounds])
+
+
+def test_parts_that_touch_or_coincide_stay_closed():
+    below = trimesh.creation.box(bounds=[[0, 0, 0], [1, 1, 1]])
+    above = trimesh.Trimesh([0, 0, 2] + [1, 1, -1] * below.vertices, below.faces[:, ::-1])
+    touching = prepare_mesh(trimesh.util.concatenate([below, above]))
+    assert touching.volume == pytest.approx(2.0)
+    assert touching.report["duplicate_faces"] == 4
+    # Both stand on one square: its faces are there twice, wound alike, and both stay.
+    standing = prepare_mesh(boxes([[0, 0, 0], [1, 1, 1]], [[0, 0, 0], [1, 1, 2]]))
+    assert standing.volume == pytest.approx(3.0)
+    assert standing.report["duplicate_faces"] == standing.report["open_edges"] == 0
+
+
+@pytest.mark.parametrize("copies", [[1], [-1], [1, 1], [-1, 1]])
+def test_a_repeated_face_stays_whichever_way_its_copies_wind(sphere, copies):
+    patch = sphere.faces[40:44]
+    repeated = [patch[:, ::copy] for copy in copies]
+    solid = prepare(sphere.vertices, np.concatenate([sphere.faces, *repeated]))
+    assert solid.report["duplicate_faces"] == 4 * len(copies)
+    assert solid.report["open_edges"] == 0
+    assert solid.volume == pytest.approx(sphere.volume, rel=1e-12)

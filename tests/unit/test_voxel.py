@@ -1,5 +1,8 @@
 """Voxels of surfaces: volumes, layers, moments, priorities, cleaning, limits."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -200,8 +203,10 @@ def test_only_the_largest_part_is_kept_and_loose_voxels_go():
     surface = solid(trimesh.util.concatenate([big, far, tip]))
     voxels = voxelise(surface, voxel=1.0)
     assert len(voxels.cells) == 64
-    assert voxels.report["loose"] == 2
-    assert voxels.report["unconnected"] == [8]
+    left_out = voxels.report["left_out"]
+    assert (left_out["loose"]["voxels"], left_out["unconnected"]["parts"]) == (2, [8])
+    assert left_out["loose"]["volume"] == pytest.approx(2.0)
+    assert left_out["unconnected"]["volume"] == pytest.approx(8.0)
     sheet = voxelise(solid(box([0, 0, 0], [4, 4, 1])), voxel=1.0)
     assert len(sheet.cells) == 16
 
@@ -230,6 +235,31 @@ def test_too_small_a_voxel_says_how_much_memory_and_what_would_fit(monkeypatch):
     memory.check_memory((0.1 / (1e-3 * fits)) ** 3, 1, np.full(3, 1e-3 * fits))
     with pytest.raises(InputError, match="would fit"):
         memory.check_memory((0.1 / (0.8e-3 * fits)) ** 3, 1, np.full(3, 0.8e-3 * fits))
+
+
+ROD = """
+import resource, sys
+import numpy as np, trimesh
+from tledface import _core
+from tledface.geometry import voxelise
+rod = trimesh.creation.box((1.2, 2e-3, 2e-3))
+rod.apply_transform(trimesh.geometry.align_vectors([1, 0, 0], [1, 1, 1]))
+solid = _core.prepare_surface(rod.vertices, rod.faces.astype(np.int32), "rod")
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+voxels = voxelise(solid, voxel=5e-4, samples=2)
+after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+box = np.prod(np.ptp(voxels.cells, axis=0) + 1.0)
+print(len(voxels.cells), box, (after - before) * 1024)
+"""
+
+
+def test_memory_goes_with_the_voxels_not_with_their_box():
+    out = subprocess.run([sys.executable, "-c", ROD], capture_output=True, text=True, check=True)
+    voxels, box, grown = map(float, out.stdout.split())
+    assert 3e4 < voxels < 6e4
+    assert box > 2e9
+    # A byte for each cell of the box would be 2.6 GB.
+    assert grown < 2000 * voxels
 
 
 def test_available_memory_is_known():

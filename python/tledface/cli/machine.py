@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+import typer
+
 from tledface.cli.common import AsJson, Device, Quiet, give
 
 __all__ = ["bench", "doctor"]
@@ -17,8 +21,21 @@ def doctor(json: AsJson = False, quiet: Quiet = False) -> None:
         give(doctor_module.text(), {}, as_json=False, quiet=quiet)
 
 
-def bench(device: Device = "auto", json: AsJson = False, quiet: Quiet = False) -> None:
+def bench(
+    device: Device = "auto",
+    model: Annotated[
+        bool,
+        typer.Option("--model", help="Measure model creation instead: voxel samples per second."),
+    ] = False,
+    json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
     """Measure element steps per second on the flat block, beside the copy bandwidth."""
+    if model:
+        from tledface import bench_model
+
+        bench_model.main(json=json, quiet=quiet)
+        return
     from tledface.bench import main
 
     main(device=device, json=json, quiet=quiet)

@@ -78,6 +78,7 @@ def build(
     """Turn a scene's surfaces into a voxel model, saved as HDF5."""
     from tledface.boundary import boundary_text
     from tledface.errors import InputError
+    from tledface.geometry.report import GEOMETRY_KEYS, geometry_lines
     from tledface.progress import spinner
     from tledface.run import save_built
     from tledface.scene import MODEL_ENDINGS, Scene
@@ -95,6 +96,7 @@ def build(
     lines = [
         f"wrote {output}: {model.n_elements:,} voxels, {model.n_nodes:,} nodes; "
         f"tissues {', '.join(model.tissues)}",
+        *(f"{label:<10} {text}" for label, text in geometry_lines(model.report)),
         *(boundary_text(bound) if bound else []),
     ]
     give(
@@ -105,6 +107,7 @@ def build(
             "nodes": model.n_nodes,
             "tissues": list(model.tissues),
             "boundary": bound,
+            "geometry": {key: model.report[key] for key in GEOMETRY_KEYS},
         },
         as_json=json,
         quiet=quiet,

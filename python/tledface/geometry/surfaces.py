@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,9 @@ from tledface import _core
 from tledface.errors import InputError
 
 __all__ = ["SURFACE_FORMATS", "SurfaceFile", "read_surface"]
+
+# Without a handler its warnings, some with a traceback, go to standard error beside our one line.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 SURFACE_FORMATS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf")
 
@@ -41,12 +45,15 @@ class SurfaceFile:
         return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
 
-def read_surface(path: str | Path, *, unit_scale: float = 1.0) -> SurfaceFile:
+def read_surface(
+    path: str | Path, *, unit_scale: float = 1.0, close_holes: bool = False
+) -> SurfaceFile:
     """Read a closed triangle surface.
 
     Args:
         path: A file that trimesh reads, by its ending (see ``SURFACE_FORMATS``).
         unit_scale: Metres in one unit of the file.
+        close_holes: Close holes above the limit too, as cuts that no layer follows.
 
     Raises:
         InputError: no such file, an unknown ending, not readable as that format, no triangles, a
@@ -66,7 +73,7 @@ def read_surface(path: str | Path, *, unit_scale: float = 1.0) -> SurfaceFile:
             f"allowed are 0 to {len(vertices) - 1}; export the surface again"
         )
     triangles = faces.astype(np.int32)
-    solid = _core.prepare_surface(vertices, triangles, str(path))
+    solid = _core.prepare_surface(vertices, triangles, str(path), close_holes=close_holes)
     return SurfaceFile(path, vertices, triangles, solid)
 
 

@@ -1,29 +1,54 @@
-"""Surfaces sampled into voxels with tissue fractions, layers and the section of layered voxels."""
+"""Volumes sampled into voxels with tissue fractions, layers and the section of layered voxels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface.errors import InputError
+from tledface.geometry.cleaning import (
+    BEHIND_BONE,
+    Box,
+    Cleaning,
+    behind_bone,
+    clean_voxels,
+    entry,
+    hand_inward,
+    in_boxes,
+)
+from tledface.geometry.labels import LabelVolume
 from tledface.geometry.memory import check_memory, estimate_voxels
+from tledface.geometry.relations import gaps, relations
 
-__all__ = ["VoxelSet", "outer_faces", "section_ratio", "voxelise"]
+__all__ = ["PARTIAL", "Ranks", "VoxelSet", "outer_faces", "section_ratio", "voxelise"]
 
 Floats = NDArray[np.float64]
-Box = tuple[Sequence[float], Sequence[float]]
+Volume = _core.Surface | LabelVolume
+
+# Weights of partly filled voxels, see `voxelise`.
+PARTIAL = ("full", "scaled", "bone-full")
 
 # A surface this far (in voxels) past a voxel face still counts as lying on it, so that rounding of
 # coordinates does not add a row of empty voxels.
 _ON_FACE = 1e-6
 _MAX_CELLS = 2_000_000
-# Voxels with fewer face neighbours hang by an edge or a tip and are the first to invert.
-_MIN_NEIGHBOURS = 3
+
+
+class Ranks(NamedTuple):
+    """Order of volumes where they overlap: the lowest number has the place.
+
+    Muscle surfaces of one rank share it equally. One number per muscle surface and per layer.
+    """
+
+    bones: int
+    muscles: Sequence[int]
+    layers: Sequence[int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,18 +60,22 @@ class VoxelSet:
         voxel: (3,) m.
         cells: (n, 3) int32.
         fill: (n,) tissue fraction of each voxel's own volume, 0 to 1.
+        weight: (n,) what density and stiffness are multiplied by, above 0 to 1: see ``partial``.
         fractions: (n, n_tissues), rows sum to 1; the layers, then the muscle surfaces.
         first, second: (n, n_tissues) m and m2, moments of the fractions about the depth of the
             voxel's centre: fraction times mean z and mean z2.
         normal: (n, 3) unit gradient of the depth below the outer surface; voxels of one tissue
             below the last boundary may have that of a voxel nearby.
-        report: Voxels removed as loose or unconnected, memory estimate.
+        report: What was found, volumes in m3: ``tissue_volume`` (kept), ``left_out`` (too deep,
+            below the fill, behind bone, loose, unconnected), ``volumes``, ``overlaps`` and
+            ``gaps`` (`geometry.relations`), ``samples`` along an edge, ``memory_estimate``.
     """
 
     origin: Floats
     voxel: Floats
     cells: NDArray[np.int32]
     fill: Floats
+    weight: Floats
     fractions: Floats
     first: Floats
     second: Floats
@@ -55,18 +84,21 @@ class VoxelSet:
 
 
 def voxelise(
-    skin: _core.Surface,
+    skin: Volume,
     *,
     voxel: ArrayLike,
-    boundaries: Sequence[float] = (),
-    bones: Sequence[_core.Surface] = (),
-    muscles: Sequence[_core.Surface] = (),
+    boundaries: Sequence[ArrayLike] = (),
+    bones: Sequence[Volume] = (),
+    muscles: Sequence[Volume] = (),
     samples: int = 4,
     depth: float | None = None,
+    depth_in: Sequence[tuple[Box, float]] = (),
     region: Box | None = None,
     outer: str | Sequence[Box] = "all",
     fill: float = 0.5,
-    clean: bool = True,
+    partial: str = "full",
+    ranks: Ranks | None = None,
+    clean: bool | Cleaning = True,
     align: Sequence[float | None] = (None, None, None),
 ) -> VoxelSet:
     """Sample tissue into voxels with ``samples``^3 points each.
@@ -76,19 +108,25 @@ def voxelise(
             part of the box in ``region``).
         voxel: One length or three, m.
         boundaries: Depth at which each layer but the last ends, m, rising; the last takes the
-            rest. Depth is the distance to the outer surface, exact and clipped: a layer may be
-            far thinner than a sample.
-        bones: No tissue inside them. Bone takes precedence over muscle, muscle over layers.
-        muscles: Muscle surfaces; samples in several of them are shared equally.
-        samples: Points along each edge of a voxel, 1 to 16.
+            rest. One value, or one per vertex of the skin's surface, linear on its faces and not
+            falling from layer to layer. Depth is the distance to the outer surface, exact and
+            clipped: a layer may be far thinner than a sample.
+        bones: No tissue inside them.
+        muscles: Muscle surfaces.
+        samples: Points along each edge of a voxel, 1 to 16. With labels on a grid that the
+            voxels' faces meet, more where that makes the fractions exact.
         depth: Tissue deeper than this is left out, m.
+        depth_in: Boxes with a depth of their own, m; of several that hold a place the last counts.
         region: Tissue outside this box is left out, m.
         outer: "all", or boxes: depth is measured from the skin faces with their centroid in one.
         fill: A voxel is kept if at least this fraction of it is tissue. What a voxel left out
-            holds goes to the kept one below it, so that a thin layer does not vanish with it;
-            fractions are then scaled to sum to 1, as if the tissue just filled the voxel.
-        clean: Keep only the largest face-connected part, and no voxel with fewer than three face
-            neighbours (unless the voxels are one layer).
+            holds goes to the kept one below it, so that a thin layer does not vanish with it.
+        partial: Fractions are scaled to sum to 1, and a voxel weighs: "full": as if tissue just
+            filled it; "scaled": by its tissue fraction; "bone-full": so, with what is bone, too
+            deep or outside the region counted as tissue.
+        ranks: Who has a place where volumes overlap; None: bone before muscle before layers,
+            equal shares to muscle surfaces.
+        clean: Which voxels to leave out; True: the defaults of `Cleaning`, False: none.
         align: Along x, y, z a coordinate (m) on which voxel faces lie, or None: the grid then
             starts up to a voxel earlier.
 
@@ -97,23 +135,19 @@ def voxelise(
             layer boundary that does not rise.
     """
     edges = np.broadcast_to(np.asarray(voxel, dtype=np.float64), (3,)).copy()
-    vertices = skin.vertices
-    box = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-    if region is not None:
-        limits = np.asarray(region, dtype=np.float64)
-        box = np.stack([np.maximum(box[0], limits[0]), np.minimum(box[1], limits[1])])
-        if not (box[0] < box[1]).all():
-            raise InputError(
-                f"region: {_show_box(limits)} does not meet the skin {skin.name}, which spans "
-                f"{_show_box(np.stack([vertices.min(axis=0), vertices.max(axis=0)]))}"
-            )
+    surface = _surface(skin)
+    ends = _checked_boundaries(boundaries, surface)
+    if partial not in PARTIAL:
+        raise InputError(f"partial: got {partial!r}, allowed: {', '.join(PARTIAL)}")
+    box = _grid_box(skin, edges, region)
     box[0] = aligned(box[0], edges, align)
-    if any(b <= a for a, b in zip((0.0, *boundaries), boundaries, strict=False)):
-        raise InputError(f"layers: boundaries must rise from above 0, got {list(boundaries)} m")
-    mask = outer_faces(skin, outer)
+    if isinstance(skin, LabelVolume):
+        samples = skin.image.exact_samples(edges, samples)
+    mask = outer_faces(surface, outer)
     n_tissues = len(boundaries) + 1 + len(muscles)
-    volume = skin.volume if depth is None else min(skin.volume, skin.area * depth)
-    needed = check_memory(estimate_voxels(edges, box, volume, skin.area), n_tissues, edges)
+    caps = [np.inf if depth is None else depth, *(cap for _, cap in depth_in)]
+    tissue = min(surface.volume, surface.area * max(caps))
+    needed = check_memory(estimate_voxels(edges, box, tissue, surface.area), n_tissues, edges)
     count = np.maximum(np.ceil((box[1] - box[0]) / edges - _ON_FACE), 1.0)
     if count.max() > _MAX_CELLS:
         raise InputError(
@@ -121,40 +155,54 @@ def voxelise(
             f"allowed are {_MAX_CELLS}; take larger voxels"
         )
     everywhere = np.full(3, np.finfo(np.float64).max)
+    ranks = ranks or Ranks(0, [1] * len(muscles), [2] * (len(boundaries) + 1))
     found = _core.voxelise(
-        skin=skin,
+        skin=_core_volume(skin),
+        outer_surface=surface,
         outer=mask,
-        bones=list(bones),
-        parts=list(muscles),
+        bones=[_core_volume(bone) for bone in bones],
+        parts=[_core_volume(muscle) for muscle in muscles],
         origin=box[0].tolist(),
         voxel=edges.tolist(),
         count=count.astype(int).tolist(),
         samples=samples,
-        boundaries=list(boundaries),
-        cap=np.inf if depth is None else depth,
+        boundaries=ends,
+        cap=caps[0],
+        local_caps=[([*low, *high], cap) for (low, high), cap in depth_in],
         region_low=list(-everywhere if region is None else region[0]),
         region_high=list(everywhere if region is None else region[1]),
+        bone_rank=ranks.bones,
+        part_ranks=list(ranks.muscles),
+        layer_ranks=list(ranks.layers),
     )
-    own = found["shares"].sum(axis=1)
-    # Rounding of a sum of samples must not decide whether a voxel is kept.
-    keep = own >= fill - 1e-9
-    report: dict[str, Any] = {"memory_estimate": needed, "loose": 0, "unconnected": []}
-    if keep.any():
-        _hand_inward(found, keep, edges)
-    if clean and keep.any():
-        keep[keep], report["loose"], report["unconnected"] = _clean(found["cells"][keep])
+    size = float(np.prod(edges))
+    names = _names([*bones, *muscles])
+    report = {
+        "memory_estimate": needed,
+        "samples": samples,
+        **relations(names, found["tally"], size / samples**3),
+        "gaps": gaps(
+            names, [_surface(v) for v in (*bones, *muscles, skin)], box[0], edges, found["cells"]
+        ),
+    }
+    cleaning = clean if isinstance(clean, Cleaning) else Cleaning(clean, 3 if clean else 0)
+    own, keep = _kept(found, box[0], edges, [_surface(bone) for bone in bones], fill, cleaning)
+    report["left_out"] = found["left_out"]
     if not keep.any():
         raise InputError(
             f"voxel: no voxel of {' x '.join(f'{1e3 * edge:g}' for edge in edges)} mm holds "
             f"{fill:g} or more of tissue; take smaller voxels, a lower fill, or check that bones, "
             "depth and region leave tissue"
         )
+    own = np.minimum(own[keep], 1.0)
+    report["tissue_volume"] = float(own.sum()) * size
     total = found["shares"][keep].sum(axis=1)[:, None]
     return VoxelSet(
         origin=box[0].copy(),
         voxel=edges,
         cells=found["cells"][keep],
-        fill=np.minimum(own[keep], 1.0),
+        fill=own,
+        weight=_weights(partial, own, found["inner"][keep]),
         fractions=found["shares"][keep] / total,
         first=found["first"][keep] / total,
         second=found["second"][keep] / total,
@@ -185,6 +233,109 @@ def section_ratio(voxels: VoxelSet, youngs_modulus: ArrayLike) -> Floats:
     return np.maximum(ratio, 0.0)
 
 
+def _surface(volume: Volume) -> _core.Surface:
+    return volume.surface.solid if isinstance(volume, LabelVolume) else volume
+
+
+def _core_volume(volume: Volume) -> Any:
+    return volume.core if isinstance(volume, LabelVolume) else volume
+
+
+def _names(volumes: Sequence[Volume]) -> list[str]:
+    """Return short distinct names: of files without their folder, where that is enough."""
+    full = [volume.name for volume in volumes]
+    short = [Path(name).name for name in full]
+    names = [s if short.count(s) == 1 else f for s, f in zip(short, full, strict=True)]
+    return [f"{n} ({i})" if names.count(n) > 1 else n for i, n in enumerate(names)]
+
+
+def _grid_box(skin: Volume, edges: Floats, region: Box | None) -> Floats:
+    whole = box = skin.bounds if isinstance(skin, LabelVolume) else _bounds(skin)
+    if region is not None:
+        limits = np.asarray(region, dtype=np.float64)
+        box = np.stack([np.maximum(box[0], limits[0]), np.minimum(box[1], limits[1])])
+        if not (box[0] < box[1]).all():
+            raise InputError(
+                f"region: {_show_box(limits)} does not meet the skin {skin.name}, which spans "
+                f"{_show_box(whole)}"
+            )
+    if isinstance(skin, LabelVolume):
+        box = np.stack([skin.image.snapped(box[0], edges), box[1]])
+    return box
+
+
+def _bounds(surface: _core.Surface) -> Floats:
+    vertices = surface.vertices
+    return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+
+
+def _checked_boundaries(boundaries: Sequence[ArrayLike], skin: _core.Surface) -> list[Floats]:
+    """Return one array per boundary, of one value or one per vertex of the skin."""
+    ends = [np.atleast_1d(np.asarray(end, dtype=np.float64)) for end in boundaries]
+    n_vertices = len(skin.vertices)
+    above = np.zeros(1)
+    for number, end in enumerate(ends):
+        if end.shape not in ((1,), (n_vertices,)):
+            raise InputError(
+                f"layers: boundary {number} has shape {end.shape}, need a number or ({n_vertices},)"
+            )
+        rises = (end >= above).all() and (end > above).any()
+        if not np.isfinite(end).all() or not rises:
+            shown = [float(e.max()) for e in ends]
+            raise InputError(f"layers: boundaries must rise from above 0, got {shown} m")
+        above = end
+    return ends
+
+
+def _kept(
+    found: dict[str, Any],
+    origin: Floats,
+    edges: Floats,
+    bones: Sequence[_core.Surface],
+    fill: float,
+    cleaning: Cleaning,
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return the tissue fraction of every voxel and which to keep; counts go to found["left_out"].
+
+    What voxels left out for their fill hold is handed to those below them.
+    """
+    size = float(np.prod(edges))
+    own = found["shares"].sum(axis=1)
+    # Rounding of a sum of samples must not decide whether a voxel is kept.
+    keep = own >= fill - 1e-9
+    left_out = {
+        "too_deep": {"volume": found["too_deep"] * size, "removed": True},
+        "below_fill": entry(int(np.count_nonzero(~keep)), own[~keep].sum() * size, removed=True),
+    }
+    if keep.any():
+        hand_inward(found, keep, edges)
+    if bones and keep.any():
+        limit = BEHIND_BONE if cleaning.behind_bone is None else cleaning.behind_bone
+        kept = np.flatnonzero(keep)
+        centres = origin + (found["cells"][kept] + 0.5) * edges
+        kept = kept[in_boxes(centres, cleaning.behind_bone_in)]
+        centres = origin + (found["cells"][kept] + 0.5) * edges
+        behind = kept[behind_bone(centres, found["normal"][kept], bones, limit)]
+        removed = cleaning.behind_bone is not None
+        left_out["behind_bone"] = entry(len(behind), own[behind].sum() * size, removed=removed)
+        left_out["behind_bone"]["cosine"] = limit
+        keep[behind] = not removed
+    if keep.any():
+        rest, loose = clean_voxels(found["cells"][keep], own[keep], size, cleaning)
+        keep[keep] = rest
+        left_out |= loose
+    found["left_out"] = left_out
+    return own, keep
+
+
+def _weights(partial: str, own: Floats, inner: Floats) -> Floats:
+    if partial == "full":
+        return np.ones(len(own))
+    if partial == "scaled":
+        return own
+    return np.minimum(own + inner, 1.0)
+
+
 def aligned(low: Floats, voxel: Floats, planes: Sequence[float | None]) -> Floats:
     """Return the grid's low corner moved down so that voxel faces lie on the given planes."""
     result = low.copy()
@@ -197,14 +348,11 @@ def aligned(low: Floats, voxel: Floats, planes: Sequence[float | None]) -> Float
 
 def outer_faces(skin: _core.Surface, outer: str | Sequence[Box]) -> NDArray[np.bool_]:
     """Which faces of the skin ``outer`` names, see `voxelise`; raises InputError if none."""
+    if isinstance(outer, str) and outer != "all":
+        raise InputError(f"outer: got {outer!r}, allowed is 'all' or a list of boxes")
     centroids = skin.vertices[skin.faces].mean(axis=1)
-    if isinstance(outer, str):
-        if outer != "all":
-            raise InputError(f"outer: got {outer!r}, allowed is 'all' or a list of boxes")
-        return np.ones(len(centroids), dtype=bool)
-    mask = np.zeros(len(centroids), dtype=bool)
-    for low, high in outer:
-        mask |= ((centroids >= low) & (centroids <= high)).all(axis=1)
+    # What closes a large hole is a cut: no layer follows it.
+    mask = in_boxes(centroids, outer) & ~skin.is_cap
     if not mask.any():
         span = np.stack([centroids.min(axis=0), centroids.max(axis=0)])
         raise InputError(
@@ -212,35 +360,6 @@ def outer_faces(skin: _core.Surface, outer: str | Sequence[Box]) -> NDArray[np.b
             f"centroids span {_show_box(span)}"
         )
     return mask
-
-
-def _hand_inward(found: dict[str, Any], keep: NDArray[np.bool_], voxel: Floats) -> None:
-    """Add the tissue of voxels not kept to the kept neighbour inwards of each, if there is one."""
-    cells, normal = found["cells"].astype(np.int64), found["normal"]
-    dropped = np.flatnonzero(~keep)
-    axis = np.abs(normal[dropped]).argmax(axis=1)
-    along = normal[dropped, axis]
-    target = cells[dropped]
-    target[np.arange(len(dropped)), axis] += np.where(along > 0.0, 1, -1)
-    extent = cells.max(axis=0) + 3
-    # Cells are in lexicographic order, so these keys rise; the shift by 1 keeps -1 within range.
-    stride = np.array([extent[1] * extent[2], extent[2], 1])
-    keys, wanted = (cells + 1) @ stride, (target + 1) @ stride
-    slot = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    meets = (keys[slot] == wanted) & keep[slot]
-    source, slot = dropped[meets], slot[meets]
-    # Depths are counted from the receiver's centre, which lies deeper by this much.
-    deeper = (np.abs(along) * voxel[axis])[meets][:, None]
-    share, first, second = (found[name][source] for name in ("shares", "first", "second"))
-    np.add.at(found["shares"], slot, share)
-    np.add.at(found["first"], slot, first - deeper * share)
-    np.add.at(found["second"], slot, second - 2.0 * deeper * first + deeper**2 * share)
-
-
-def _clean(cells: NDArray[np.int32]) -> tuple[NDArray[np.bool_], int, list[int]]:
-    one_layer = bool((np.ptp(cells, axis=0) == 0).any())
-    keep, loose, dropped = _core.clean_cells(cells, 0 if one_layer else _MIN_NEIGHBOURS)
-    return keep, loose, dropped
 
 
 def _show_box(box: Floats) -> str:

@@ -74,6 +74,8 @@ def write_model(model: Model, file: h5py.Group) -> None:
     if model.section_ratio is not None:
         for name in ("section_ratio", "layer_normal"):
             file.create_dataset(name, data=getattr(model, name), **COMPRESSION)
+    if model.fill is not None:
+        file.create_dataset("fill", data=model.fill, **COMPRESSION)
     tissues = zip(model.tissues, model.tissue_materials, strict=True)
     for number, (name, law) in enumerate(tissues):
         group = file.create_group(f"tissues/{number}")
@@ -246,6 +248,7 @@ def _read_elements(file: h5py.Group) -> Model:
         fractions,
         section_ratio=file["section_ratio"][()] if layered else None,
         layer_normal=file["layer_normal"][()] if layered else None,
+        fill=file["fill"][()] if "fill" in file else None,
         surfaces={},
     )
 

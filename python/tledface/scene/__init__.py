@@ -10,6 +10,7 @@ from tledface.scene.boundary_tables import (
     SurfaceSpec,
     SymmetrySpec,
 )
+from tledface.scene.geometry_tables import ThicknessField
 from tledface.scene.load import MODEL_ENDINGS, Scene
 from tledface.scene.tables import Geometry, Layer, MuscleSpec, Output, Solver
 from tledface.scene.template import template_text, write_template
@@ -30,6 +31,7 @@ __all__ = [
     "Solver",
     "SurfaceSpec",
     "SymmetrySpec",
+    "ThicknessField",
     "template_text",
     "write_template",
 ]

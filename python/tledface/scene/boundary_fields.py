@@ -14,10 +14,10 @@ from tledface.scene.fields import (
     Vector,
     _bare_factor,
     _field,
-    _list_of_three,
     _quantity,
     _quantity_schema,
-    _vector_schema,
+    list_of_three,
+    vector_schema,
 )
 
 __all__ = ["Axis", "Cosine", "OpenBox", "OpenBoxes", "Points", "Position", "Reach", "Side"]
@@ -41,13 +41,13 @@ def _read_open_box(value: Any, info: ValidationInfo) -> OpenBoxValue:
 def _read_open_point(value: Any, info: ValidationInfo, what: str) -> Vector:
     x, y, z = (
         part if isinstance(part, float) and math.isinf(part) else _read_position(part, info)
-        for part in _list_of_three(value, what)
+        for part in list_of_three(value, what)
     )
     return x, y, z
 
 
 def _read_point(value: Any, info: ValidationInfo) -> Vector:
-    parts = _list_of_three(value, "three lengths, as [0, 0, 4.5]")
+    parts = list_of_three(value, "three lengths, as [0, 0, 4.5]")
     x, y, z = (_read_position(part, info) for part in parts)
     return x, y, z
 
@@ -84,7 +84,7 @@ _LENGTH_SCHEMA = _quantity_schema("length", "in the scene's units")
 _NUMBER_OR_INF = {"anyOf": _LENGTH_SCHEMA["anyOf"], "description": "a length, or -inf or inf"}
 _OPEN_BOX_SCHEMA: JsonSchema = {
     "type": "array",
-    "items": _vector_schema(_NUMBER_OR_INF),
+    "items": vector_schema(_NUMBER_OR_INF),
     "minItems": 2,
     "maxItems": 2,
     "description": "low and high corner; a side may be -inf or inf",
@@ -99,7 +99,7 @@ OpenBoxes = Annotated[
 Points = Annotated[
     list[Vector],
     PlainValidator(_read_points),
-    WithJsonSchema({"type": "array", "items": _vector_schema(_LENGTH_SCHEMA), "minItems": 1}),
+    WithJsonSchema({"type": "array", "items": vector_schema(_LENGTH_SCHEMA), "minItems": 1}),
 ]
 Position = Annotated[float, PlainValidator(_read_position), WithJsonSchema(_LENGTH_SCHEMA)]
 Reach = Annotated[float, *_field(_quantity("length", at_least=0.0))]

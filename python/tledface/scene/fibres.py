@@ -11,17 +11,17 @@ from tledface import fibre_kinds as kinds
 from tledface import units
 from tledface.errors import InputError
 from tledface.scene.fields import (
-    _BOX_SCHEMA,
-    _LENGTH_SCHEMA,
-    _PATH_SCHEMA,
-    _POINT_SCHEMA,
+    BOX_SCHEMA,
+    LENGTH_SCHEMA,
+    PATH_SCHEMA,
+    POINT_SCHEMA,
     Vector,
-    _list_of_three,
-    _read_box,
-    _read_path,
-    _read_paths,
-    _read_point,
-    _vector_schema,
+    list_of_three,
+    read_box,
+    read_path,
+    read_paths,
+    read_point,
+    vector_schema,
 )
 
 __all__ = ["Fibre"]
@@ -43,7 +43,7 @@ def _read_fibre(value: Any, info: ValidationInfo) -> Vector | str | kinds.Fibre:
         return kinds.make_fibre(value)
     if isinstance(value, dict):
         return _read_table(value, info)
-    x, y, z = (units.parse(part, "number") for part in _list_of_three(value, _FORMS))
+    x, y, z = (units.parse(part, "number") for part in list_of_three(value, _FORMS))
     length = math.sqrt(x * x + y * y + z * z)
     if length == 0.0:
         raise InputError(f"got {value!r}, which has no direction; allowed: {_FORMS}")
@@ -61,18 +61,18 @@ def _read_table(table: dict[str, Any], info: ValidationInfo) -> kinds.Fibre:
     for key, what in (("axis", "three numbers, as [0, 1, 0]"), ("centre", "three lengths")):
         if key in options:
             try:
-                parts = _list_of_three(options[key], what)
+                parts = list_of_three(options[key], what)
                 options[key] = (
                     [units.parse(part, "number") for part in parts]
                     if key == "axis"
-                    else _read_point(parts, info)
+                    else read_point(parts, info)
                 )
             except InputError as error:
                 raise InputError(f"{key}: {error}") from None
     if isinstance(options.get("curves"), str):
-        options["curves"] = _read_path(options["curves"], info)
+        options["curves"] = read_path(options["curves"], info)
     elif isinstance(options.get("curves"), list):
-        options["curves"] = _read_paths(options["curves"], info)
+        options["curves"] = read_paths(options["curves"], info)
     return kinds.make_fibre(kind, options)
 
 
@@ -80,9 +80,9 @@ def _read_end(value: Any, key: str, info: ValidationInfo) -> Any:
     """An end with its lengths in metres, still to be checked by `make_end`."""
     try:
         if isinstance(value, dict) and set(value) == {"box"}:
-            return {"box": _read_box(value["box"], info)}
+            return {"box": read_box(value["box"], info)}
         if isinstance(value, dict) and isinstance(value.get("points"), list):
-            found = dict(value, points=[_read_point(point, info) for point in value["points"]])
+            found = dict(value, points=[read_point(point, info) for point in value["points"]])
             if "reach" in value:
                 length = (info.context or {}).get("length", 1.0)
                 found["reach"] = units.parse(value["reach"], "length", bare=length)
@@ -97,18 +97,18 @@ def _read_end(value: Any, key: str, info: ValidationInfo) -> Any:
 _END_SCHEMA: dict[str, Any] = {
     "anyOf": [
         {"enum": ["+x", "-x", "+y", "-y", "+z", "-z"], "description": "the end towards an axis"},
-        _vector_schema({"type": "number"}) | {"description": "the end towards a direction"},
+        vector_schema({"type": "number"}) | {"description": "the end towards a direction"},
         {
             "type": "object",
-            "properties": {"box": _BOX_SCHEMA},
+            "properties": {"box": BOX_SCHEMA},
             "required": ["box"],
             "additionalProperties": False,
         },
         {
             "type": "object",
             "properties": {
-                "points": {"type": "array", "items": _POINT_SCHEMA, "minItems": 1},
-                "reach": _LENGTH_SCHEMA,
+                "points": {"type": "array", "items": POINT_SCHEMA, "minItems": 1},
+                "reach": LENGTH_SCHEMA,
             },
             "required": ["points"],
             "additionalProperties": False,
@@ -120,9 +120,9 @@ _OPTION_SCHEMAS: dict[str, Any] = {
     "from": _END_SCHEMA,
     "to": _END_SCHEMA,
     "degree": {"type": "integer", "minimum": 1, "maximum": 5, "default": 3},
-    "axis": _vector_schema({"type": "number"}),
-    "centre": _POINT_SCHEMA,
-    "curves": {"anyOf": [_PATH_SCHEMA, {"type": "array", "items": _PATH_SCHEMA, "minItems": 1}]},
+    "axis": vector_schema({"type": "number"}),
+    "centre": POINT_SCHEMA,
+    "curves": {"anyOf": [PATH_SCHEMA, {"type": "array", "items": PATH_SCHEMA, "minItems": 1}]},
 }
 
 
@@ -143,7 +143,7 @@ Fibre = Annotated[
         {
             "anyOf": [
                 {"enum": ["long-axis", *_PLAIN]},
-                _vector_schema({"type": "number"}),
+                vector_schema({"type": "number"}),
                 *(_table_schema(kind) for kind in kinds.KINDS),
             ]
         }

@@ -20,6 +20,8 @@ from tledface.errors import InputError
 from tledface.schedule import Constant, Keyframes, Ramp
 
 __all__ = [
+    "LENGTH_SCHEMA",
+    "PATH_SCHEMA",
     "Activation",
     "Box",
     "CheckpointEvery",
@@ -41,6 +43,10 @@ __all__ = [
     "UnitFraction",
     "Vector",
     "VoxelSize",
+    "known_keys",
+    "read_length",
+    "read_path",
+    "read_point",
 ]
 
 JsonSchema = dict[str, Any]
@@ -82,16 +88,17 @@ def _field(
     return PlainValidator(pair[0]), WithJsonSchema(pair[1])
 
 
-def _list_of_three(value: Any, what: str) -> list[Any]:
+def list_of_three(value: Any, what: str) -> list[Any]:
     if not isinstance(value, list | tuple) or len(value) != 3:
         raise InputError(f"got {value!r}; allowed: {what}")
     return list(value)
 
 
-def _read_point(value: Any, info: ValidationInfo) -> Vector:
+def read_point(value: Any, info: ValidationInfo) -> Vector:
+    """Three lengths in m; bare ones are in the scene's units."""
     x, y, z = (
         units.parse(part, "length", bare=_bare_factor("length", info))
-        for part in _list_of_three(value, "three lengths, as [0, 0, 4.5]")
+        for part in list_of_three(value, "three lengths, as [0, 0, 4.5]")
     )
     return x, y, z
 
@@ -100,16 +107,16 @@ def _read_voxel(value: Any, info: ValidationInfo) -> Vector:
     parts = value if isinstance(value, list) else [value] * 3
     what = "a length greater than 0, or three of them, as 0.5 or [0.5, 0.5, 0.25]"
     read, _ = _quantity("length", above=0.0)
-    x, y, z = (read(part, info) for part in _list_of_three(parts, what))
+    x, y, z = (read(part, info) for part in list_of_three(parts, what))
     return x, y, z
 
 
-def _read_box(value: Any, info: ValidationInfo) -> tuple[Vector, Vector]:
+def read_box(value: Any, info: ValidationInfo) -> tuple[Vector, Vector]:
     if not isinstance(value, list | tuple) or len(value) != 2:
         raise InputError(
             f"got {value!r}; allowed: a low and a high corner, as [[0, 0, 0], [60, 60, 4.5]]"
         )
-    low, high = (_read_point(corner, info) for corner in value)
+    low, high = (read_point(corner, info) for corner in value)
     if any(first > second for first, second in zip(low, high, strict=True)):
         raise InputError(f"got {value!r}; allowed: a low corner not above the high one")
     return low, high
@@ -122,7 +129,7 @@ def _read_outer(value: Any, info: ValidationInfo) -> str | list[tuple[Vector, Ve
         raise InputError(
             f'got {value!r}; allowed: "all", or a list of boxes, as [[[0, 0, 4], [60, 60, 5]]]'
         )
-    return [_read_box(box, info) for box in value]
+    return [read_box(box, info) for box in value]
 
 
 class MissingFiles(InputError):
@@ -143,7 +150,8 @@ class MissingFiles(InputError):
         self.files = files
 
 
-def _read_path(value: Any, info: ValidationInfo) -> Path:
+def read_path(value: Any, info: ValidationInfo) -> Path:
+    """A path from the scene's folder; raises MissingFiles unless the file exists."""
     if isinstance(value, Path):
         value = str(value)
     if not isinstance(value, str) or not value:
@@ -156,14 +164,14 @@ def _read_path(value: Any, info: ValidationInfo) -> Path:
     return path
 
 
-def _read_paths(value: Any, info: ValidationInfo) -> list[Path]:
+def read_paths(value: Any, info: ValidationInfo) -> list[Path]:
     if not isinstance(value, list):
         raise InputError(f'got {value!r}; allowed: a list of surface files, as ["left.obj"]')
     paths: list[Path] = []
     missing: list[Path] = []
     for item in value:
         try:
-            paths.append(_read_path(item, info))
+            paths.append(read_path(item, info))
         except MissingFiles as error:
             missing += error.files
     if missing:
@@ -173,7 +181,7 @@ def _read_paths(value: Any, info: ValidationInfo) -> list[Path]:
 
 def _read_gravity(value: Any, info: ValidationInfo) -> Vector:
     what = 'three accelerations, as [0, 0, "-9.81 m/s^2"]'
-    x, y, z = (units.parse(part, "acceleration") for part in _list_of_three(value, what))
+    x, y, z = (units.parse(part, "acceleration") for part in list_of_three(value, what))
     return x, y, z
 
 
@@ -236,7 +244,7 @@ def _read_activation(value: Any, info: ValidationInfo) -> Ramp | Keyframes | Con
 
 
 def _ramp(table: dict[str, Any], what: str) -> Ramp:
-    _known_keys(table, ["ramp", "over", "begin", "shape"])
+    known_keys(table, ["ramp", "over", "begin", "shape"])
     levels = table["ramp"]
     if not isinstance(levels, list) or len(levels) != 2 or "over" not in table:
         raise InputError(f"got {table!r}; allowed: {what}")
@@ -247,7 +255,7 @@ def _ramp(table: dict[str, Any], what: str) -> Ramp:
 
 
 def _keyframes(table: dict[str, Any], what: str) -> Keyframes:
-    _known_keys(table, ["keyframes"])
+    known_keys(table, ["keyframes"])
     keys = table["keyframes"]
     if not isinstance(keys, list) or not all(isinstance(k, list) and len(k) == 2 for k in keys):
         raise InputError(f"got {table!r}; allowed: {what}")
@@ -255,7 +263,8 @@ def _keyframes(table: dict[str, Any], what: str) -> Keyframes:
     return Keyframes(times, tuple(units.parse(a, "number", key="keyframes") for _, a in keys))
 
 
-def _known_keys(table: dict[str, Any], known: list[str]) -> None:
+def known_keys(table: dict[str, Any], known: list[str]) -> None:
+    """Raise InputError for a key that is not known, with the nearest that is."""
     for key in table:
         if key not in known:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
@@ -263,7 +272,7 @@ def _known_keys(table: dict[str, Any], known: list[str]) -> None:
             raise InputError(f"{key}: unknown key; {hint}allowed: {', '.join(known)}")
 
 
-def _vector_schema(items: JsonSchema) -> JsonSchema:
+def vector_schema(items: JsonSchema) -> JsonSchema:
     return {"type": "array", "items": items, "minItems": 3, "maxItems": 3}
 
 
@@ -283,7 +292,7 @@ def _material_schema() -> JsonSchema:
             keys[option] = {"enum": list(choices), "default": choices[0]}
         needed = ["model", *(p.name for p in law.parameters if p.default is None)]
         for direction in law.directions:
-            keys[direction.name] = _vector_schema({"type": "number"}) | {
+            keys[direction.name] = vector_schema({"type": "number"}) | {
                 "description": direction.meaning
             }
             if not direction.optional:
@@ -309,16 +318,16 @@ def _material_schema() -> JsonSchema:
     return laws[0] if len(laws) == 1 else {"oneOf": laws}
 
 
-_LENGTH_SCHEMA = _quantity_schema("length", "in the scene's units")
-_POINT_SCHEMA = _vector_schema(_LENGTH_SCHEMA)
-_BOX_SCHEMA: JsonSchema = {
+LENGTH_SCHEMA = _quantity_schema("length", "in the scene's units")
+POINT_SCHEMA = vector_schema(LENGTH_SCHEMA)
+BOX_SCHEMA: JsonSchema = {
     "type": "array",
-    "items": _POINT_SCHEMA,
+    "items": POINT_SCHEMA,
     "minItems": 2,
     "maxItems": 2,
     "description": "low and high corner",
 }
-_PATH_SCHEMA: JsonSchema = {"type": "string", "description": "path relative to the scene file"}
+PATH_SCHEMA: JsonSchema = {"type": "string", "description": "path relative to the scene file"}
 _ACTIVATION_SCHEMA: JsonSchema = {
     "anyOf": [
         {"type": "number", "minimum": 0, "maximum": 1},
@@ -353,6 +362,7 @@ _ACTIVATION_SCHEMA: JsonSchema = {
     ]
 }
 
+read_length, _ = _quantity("length", above=0.0)
 Length = Annotated[float, *_field(_quantity("length", above=0.0))]
 Pressure = Annotated[float, *_field(_quantity("pressure", at_least=0.0))]
 Time = Annotated[float, *_field(_quantity("time", above=0.0))]
@@ -373,24 +383,24 @@ CheckpointEvery = Annotated[
 VoxelSize = Annotated[
     Vector,
     PlainValidator(_read_voxel),
-    WithJsonSchema({"anyOf": [*_LENGTH_SCHEMA["anyOf"], _POINT_SCHEMA]}),
+    WithJsonSchema({"anyOf": [*LENGTH_SCHEMA["anyOf"], POINT_SCHEMA]}),
 ]
-Box = Annotated[tuple[Vector, Vector], PlainValidator(_read_box), WithJsonSchema(_BOX_SCHEMA)]
+Box = Annotated[tuple[Vector, Vector], PlainValidator(read_box), WithJsonSchema(BOX_SCHEMA)]
 Outer = Annotated[
     str | list[tuple[Vector, Vector]],
     PlainValidator(_read_outer),
-    WithJsonSchema({"anyOf": [{"const": "all"}, {"type": "array", "items": _BOX_SCHEMA}]}),
+    WithJsonSchema({"anyOf": [{"const": "all"}, {"type": "array", "items": BOX_SCHEMA}]}),
 ]
-SurfacePath = Annotated[Path, PlainValidator(_read_path), WithJsonSchema(_PATH_SCHEMA)]
+SurfacePath = Annotated[Path, PlainValidator(read_path), WithJsonSchema(PATH_SCHEMA)]
 Paths = Annotated[
     list[Path],
-    PlainValidator(_read_paths),
-    WithJsonSchema({"type": "array", "items": _PATH_SCHEMA}),
+    PlainValidator(read_paths),
+    WithJsonSchema({"type": "array", "items": PATH_SCHEMA}),
 ]
 Gravity = Annotated[
     Vector,
     PlainValidator(_read_gravity),
-    WithJsonSchema(_vector_schema(_quantity_schema("acceleration", "0"))),
+    WithJsonSchema(vector_schema(_quantity_schema("acceleration", "0"))),
 ]
 Components = Annotated[
     str,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Literal
 
-from pydantic import Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from tledface.errors import InputError
 from tledface.scene.base import Table
@@ -12,24 +12,19 @@ from tledface.scene.boundary_tables import Boundary, FixedSpec, SurfaceSpec
 from tledface.scene.fibres import Fibre
 from tledface.scene.fields import (
     Activation,
-    Box,
     CheckpointEvery,
     Gravity,
-    Length,
     MaterialField,
     Name,
-    Outer,
     Paths,
     Positive,
     Pressure,
     Rate,
     Scale,
-    SurfacePath,
     Time,
     TimeStep,
-    UnitFraction,
-    VoxelSize,
 )
+from tledface.scene.geometry_tables import VOLUMES, Geometry, Layer
 from tledface.schedule import Constant
 
 __all__ = [
@@ -44,51 +39,6 @@ __all__ = [
     "SurfaceSpec",
     "Table",
 ]
-
-
-class Geometry(Table):
-    """Closed surfaces in one frame and how they are sampled."""
-
-    skin: SurfacePath = Field(
-        description="the outer closed surface; tissue is inside it", examples=["skin.stl"]
-    )
-    bones: Paths = Field(default=[], description="closed surfaces that hold no tissue")
-    voxel: VoxelSize = Field(description="voxel size, one length or three", examples=[0.5])
-    samples: Annotated[int, Field(ge=1, le=16)] = Field(
-        default=4, description="samples along each voxel edge"
-    )
-    region: Box | None = Field(default=None, description="tissue is kept only in this box")
-    depth: Length | None = Field(
-        default=None, description="tissue is kept only nearer than this to the skin surface"
-    )
-    fill: UnitFraction = Field(
-        default=0.5, description="a voxel is kept if its tissue fraction is at least this"
-    )
-    outer: Outer = Field(
-        default="all",
-        description="skin faces that layers are measured from: all, or those with their centroid "
-        "in one of these boxes",
-    )
-    _unit_scale: float = PrivateAttr(default=1.0)
-
-    @property
-    def unit_scale(self) -> float:
-        """Metres in one unit of the surface files."""
-        return self._unit_scale
-
-    def model_post_init(self, context: Any) -> None:
-        """Take the unit of the surface files from the scene's ``units``."""
-        self._unit_scale = float((context or {}).get("length", 1.0))
-
-
-class Layer(Table):
-    """A skin layer; thickness None takes what is left inwards."""
-
-    name: Name = Field(examples=["dermis"])
-    thickness: Length | None = Field(
-        default=None, description="leave it out for the last layer, which takes the rest"
-    )
-    material: MaterialField = Field(examples=['{ model = "neo_hookean", ... }'])
 
 
 class MuscleSpec(Table):
@@ -116,13 +66,6 @@ class MuscleSpec(Table):
     activation: Activation = Field(
         default=Constant(0.0), description="activation (0 to 1) over time", validate_default=False
     )
-
-    @field_validator("surfaces")
-    @classmethod
-    def _need_a_surface(cls, surfaces: list[Any]) -> list[Any]:
-        if not surfaces:
-            raise InputError('got []; allowed: at least one surface file, as ["left.obj"]')
-        return surfaces
 
     @model_validator(mode="after")
     def _passive_follows_active(self) -> MuscleSpec:
@@ -200,13 +143,19 @@ class SceneTables(Table):
     def _last_takes_the_rest(cls, layers: list[Layer], info: ValidationInfo) -> list[Layer]:
         if not layers:
             raise InputError("got []; allowed: at least one [[layers]]")
-        for index, layer in enumerate(layers[:-1]):
-            if layer.thickness is None:
+        # A layer that an image's labels hold needs no depth.
+        geometry = info.data.get("geometry")
+        labelled = geometry.labels.layers if geometry and geometry.labels else {}
+        by_depth = [index for index, layer in enumerate(layers) if layer.name not in labelled]
+        last = by_depth[-1] if by_depth else len(layers) - 1
+        for index in by_depth[:-1]:
+            if layers[index].thickness is None:
                 raise InputError(
-                    f"layers[{index}].thickness: missing on {layer.name!r}; allowed: a length on "
-                    "all layers but the last, as 1.8"
+                    f"layers[{index}].thickness: missing on {layers[index].name!r}; allowed: a "
+                    "length on all layers but the last, as 1.8"
                 )
-        return [*layers[:-1], layers[-1].model_copy(update={"thickness": None})]
+        rest = layers[last].model_copy(update={"thickness": None})
+        return [*layers[:last], rest, *layers[last + 1 :]]
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> SceneTables:
@@ -231,4 +180,27 @@ class SceneTables(Table):
                     f"boundary.attachments[{number}].muscle: got {attachment.muscle!r}; allowed: "
                     f"{', '.join(names) or 'a muscle of the scene, which has none'}"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _volumes_have_a_source(self) -> SceneTables:
+        labels = self.geometry.labels
+        names = {"layers": [x.name for x in self.layers], "muscles": [x.name for x in self.muscles]}
+        for kind in ("layers", "muscles"):
+            for name in getattr(labels, kind, {}):
+                if name not in names[kind]:
+                    raise InputError(
+                        f"geometry.labels.{kind}: got {name!r}; allowed: names of [[{kind}]], "
+                        f"which has {', '.join(names[kind]) or 'none'}"
+                    )
+        for index, muscle in enumerate(self.muscles):
+            if not muscle.surfaces and muscle.name not in getattr(labels, "muscles", {}):
+                raise InputError(
+                    f"muscles[{index}].surfaces: got []; allowed: at least one surface file, as "
+                    '["left.obj"]'
+                )
+        known = [*VOLUMES, *names["muscles"], *names["layers"]]
+        for item in self.geometry.priority:
+            if item not in known:
+                raise InputError(f"geometry.priority: got {item!r}; allowed: {', '.join(known)}")
         return self
