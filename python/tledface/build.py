@@ -26,7 +26,7 @@ from tledface.geometry.sources import read_sources, sample
 from tledface.geometry.surfaces import SURFACE_FORMATS
 from tledface.model import Model
 from tledface.polygons import Polygons
-from tledface.scene import MuscleSpec, Scene
+from tledface.scene import MuscleSpec, Scene, VolumeSpec
 from tledface.surface import BoundSurface
 
 __all__ = ["BuildWarning", "build_model"]
@@ -120,7 +120,7 @@ def _removed(voxels: VoxelSet, kind: str, key: str, none: Any) -> Any:
 
 def _assemble(scene: Scene, voxels: VoxelSet, surfaces_per_muscle: list[int]) -> Model:
     """Merge the surfaces of each muscle into one tissue and make the model."""
-    layers, muscles = scene.layers, scene.muscles
+    layers, muscles = scene.layers, scene.parts
     materials = [*(layer.material for layer in layers), *(muscle.material for muscle in muscles)]
     muscle_of = np.repeat(np.arange(len(muscles)), surfaces_per_muscle)
     tissue_of = np.concatenate([np.arange(len(layers)), len(layers) + muscle_of]).astype(int)
@@ -149,13 +149,15 @@ def _add_muscles(
     """Add each muscle to its voxels; returns a report of their fibres by name."""
     column = len(scene.layers)
     report = {}
-    for spec, surfaces in zip(scene.muscles, muscles, strict=True):
+    for spec, surfaces in zip(scene.parts, muscles, strict=True):
         shares = voxels.fractions[:, column : column + len(surfaces)]
         column += len(surfaces)
         weight = shares.sum(axis=1)
         where = weight > 0.0
         if not where.any():
-            raise InputError(_missed_muscle(spec, surfaces, model))
+            raise InputError(_missed(spec, surfaces, model))
+        if not isinstance(spec, MuscleSpec):
+            continue
         try:
             fibre, report[spec.name] = _fibres(spec, surfaces, shares[where], where, voxels, scene)
         except InputError as error:
@@ -214,12 +216,13 @@ def _along_axes(shares: Floats, axes: Floats) -> Floats:
     return np.where((length > 1e-3 * shares.sum(axis=1))[:, None], mean, main)
 
 
-def _missed_muscle(spec: MuscleSpec, surfaces: list[SurfaceFile], model: Model) -> str:
+def _missed(spec: MuscleSpec | VolumeSpec, surfaces: list[SurfaceFile], model: Model) -> str:
+    kind = "muscle" if isinstance(spec, MuscleSpec) else "volume"
     boxes = np.stack([surface.bounds for surface in surfaces])
     span = np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
     tissue = np.stack([model.nodes.min(axis=0), model.nodes.max(axis=0)])
     return (
-        f"muscle {spec.name!r}: no voxel holds any of {', '.join(str(s.path) for s in surfaces)}; "
+        f"{kind} {spec.name!r}: no voxel holds any of {', '.join(str(s.path) for s in surfaces)}; "
         f"it spans {_show_box(span)}, the voxels span {_show_box(tissue)}; move it inside the "
         "skin and outside the bones, or check region and depth"
     )

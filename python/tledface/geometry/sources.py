@@ -30,7 +30,7 @@ class Sources:
     Attributes:
         skin: The outer surface, also shown.
         bones: Surfaces without tissue.
-        muscles: The surfaces of each muscle.
+        muscles: The surfaces of each muscle, then those of the scene's volumes.
         skin_volume, bone_volumes, muscle_volumes: The same for the sampler.
         layer_volumes: Layers that labels hold: index of the layer and volume.
         unit_scale: Metres in a unit of the surface files.
@@ -88,7 +88,7 @@ def read_sources(scene: Scene) -> Sources:
         skin = skin_volume.surface
     bones = [read(path) for path in geometry.bones]
     bone_volumes: list[Volume] = [bone.solid for bone in bones]
-    muscles = [[read(path) for path in muscle.surfaces] for muscle in scene.muscles]
+    muscles = [[read(path) for path in part.surfaces] for part in scene.parts]
     muscle_volumes: list[list[Volume]] = [[s.solid for s in surfaces] for surfaces in muscles]
     layers = []
     if labels is not None:
@@ -131,8 +131,8 @@ def sample(
 
     layer_ranks = [rank(layer.name, "layers") for layer in layers]
     muscle_ranks = [
-        rank(muscle.name, "muscles")
-        for muscle, volumes in zip(scene.muscles, sources.muscle_volumes, strict=True)
+        rank(part.name, "muscles")
+        for part, volumes in zip(scene.parts, sources.muscle_volumes, strict=True)
         for _ in volumes
     ]
     ends, end = [], np.zeros(1)

@@ -12,7 +12,7 @@ from tledface.scene.boundary_tables import (
 )
 from tledface.scene.geometry_tables import ThicknessField
 from tledface.scene.load import MODEL_ENDINGS, Scene
-from tledface.scene.tables import Geometry, Layer, MuscleSpec, Output, Solver
+from tledface.scene.tables import Geometry, Layer, MuscleSpec, Output, Solver, VolumeSpec
 from tledface.scene.template import template_text, write_template
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "SurfaceSpec",
     "SymmetrySpec",
     "ThicknessField",
+    "VolumeSpec",
     "template_text",
     "write_template",
 ]

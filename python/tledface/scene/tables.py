@@ -38,6 +38,7 @@ __all__ = [
     "Solver",
     "SurfaceSpec",
     "Table",
+    "VolumeSpec",
 ]
 
 
@@ -72,6 +73,14 @@ class MuscleSpec(Table):
         if self.sigma_pas is None and self.law != "calcium":
             object.__setattr__(self, "sigma_pas", self.sigma_act)
         return self
+
+
+class VolumeSpec(Table):
+    """A passive tissue in closed surfaces: a tendon sheet, a pad of fat, cartilage."""
+
+    name: Name = Field(examples=["galea"])
+    surfaces: Paths = Field(examples=[["galea.ply"]])
+    material: MaterialField = Field(examples=['{ model = "neo_hookean", ... }'])
 
 
 class Solver(Table):
@@ -126,6 +135,9 @@ class SceneTables(Table):
     geometry: Geometry = Field(examples=["{ ... }"])
     layers: list[Layer] = Field(description="from the outer skin inwards", examples=["[[layers]]"])
     muscles: list[MuscleSpec] = Field(default=[])
+    volumes: list[VolumeSpec] = Field(
+        default=[], description="passive tissues in surfaces of their own"
+    )
     layer_bending: Literal["section", "blended"] = Field(
         default="section",
         description="bending stiffness of a voxel with layers: of its section, or of the mean "
@@ -137,6 +149,11 @@ class SceneTables(Table):
     boundary: Boundary = Field(default_factory=Boundary)
     solver: Solver = Field(examples=["{ ... }"])
     output: Output = Field(default=Output())
+
+    @property
+    def parts(self) -> list[MuscleSpec | VolumeSpec]:
+        """Tissues that fill surfaces of their own: muscles, then volumes."""
+        return [*self.muscles, *self.volumes]
 
     @field_validator("layers")
     @classmethod
@@ -160,10 +177,11 @@ class SceneTables(Table):
     @model_validator(mode="after")
     def _names_are_unique(self) -> SceneTables:
         seen: set[str] = set()
-        for name in [*(x.name for x in self.layers), *(x.name for x in self.muscles)]:
+        for name in [part.name for part in (*self.layers, *self.parts)]:
             if name in seen:
                 raise InputError(
-                    f"name {name!r} is used twice; allowed: one layer or muscle for each name"
+                    f"name {name!r} is used twice; allowed: one layer, muscle or volume for each "
+                    "name"
                 )
             seen.add(name)
         shown = [surface.name for surface in self.surfaces]
@@ -199,7 +217,13 @@ class SceneTables(Table):
                     f"muscles[{index}].surfaces: got []; allowed: at least one surface file, as "
                     '["left.obj"]'
                 )
-        known = [*VOLUMES, *names["muscles"], *names["layers"]]
+        for index, volume in enumerate(self.volumes):
+            if not volume.surfaces:
+                raise InputError(
+                    f"volumes[{index}].surfaces: got []; allowed: at least one surface file, as "
+                    '["galea.ply"]'
+                )
+        known = [*VOLUMES, *(part.name for part in self.parts), *names["layers"]]
         for item in self.geometry.priority:
             if item not in known:
                 raise InputError(f"geometry.priority: got {item!r}; allowed: {', '.join(known)}")
