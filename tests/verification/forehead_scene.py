@@ -20,6 +20,7 @@ BONES = {
 }
 FRONTALIS = ("FMA46759", "FMA46760")
 TOP = 1622.0  # mm, of the tissue
+INF = float("inf")
 
 
 def neo_hookean(youngs_modulus):
@@ -59,11 +60,15 @@ def forehead(atlas, work, voxel=0.5, half=False):
     boundary = {
         # Temples, and where the tissue was cut off.
         "fixed": [
-            {"box": [["-inf", "-inf", "-inf"], [-44, "inf", "inf"]]},
-            {"box": [[44, "-inf", "-inf"], ["inf", "inf", "inf"]]},
+            {"box": [[-INF, -INF, -INF], [-44, INF, INF]]},
+            {"box": [[44, -INF, -INF], [INF, INF, INF]]},
         ],
         "cuts": [{"side": "z+"}, {"side": "y+"}],
-        "sliding": {"on": ["bones"], "facing": 0.6, "boxes": [[[-60, -200, 1546], [60, -100, TOP]]]},
+        "sliding": {
+            "on": ["bones"],
+            "facing": 0.6,
+            "boxes": [[[-60, -200, 1546], [60, -100, TOP]]],
+        },
     }
     if half:
         boundary["fixed"] = boundary["fixed"][:1]
