@@ -1,4 +1,4 @@
-"""The atlas' forehead as a model: tissues, fibres, boundary nodes; and that it slides when it contracts."""
+"""The atlas' forehead as a model: tissues, fibres, boundary nodes, sliding under contraction."""
 
 import numpy as np
 import pytest
