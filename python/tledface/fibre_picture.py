@@ -113,7 +113,9 @@ def fibre_picture(
     area.set_xlim(0, columns)
     area.set_ylim(0, rows)
     label = title or "fibres of " + ", ".join(muscle.name for muscle in chosen)
-    figure.text(0.02, 1.0 - 0.25 * (1.0 - share), label, color=_INK, fontsize=17, va="center")
+    # A letter is about three quarters of its size in points wide, in pixels.
+    size = min(17.0, 0.96 * columns / (0.78 * len(label)))
+    figure.text(0.02, 1.0 - 0.25 * (1.0 - share), label, color=_INK, fontsize=size, va="center")
     _legend(figure, 1.0 - 0.7 * (1.0 - share), columns)
     _scale_bar(area, scale, columns)
     with atomic_path(path, "picture") as part:
