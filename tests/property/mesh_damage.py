@@ -22,6 +22,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a script too
+
 from solids import base_solid
 from tledface.errors import InputError
 from tledface.geometry import read_surface, voxelise

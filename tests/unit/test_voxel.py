@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from solids import box_with_hole
 from tledface import _core
 from tledface.errors import InputError
 from tledface.geometry import memory, section_ratio, voxelise
@@ -27,24 +28,6 @@ def volume(voxels):
 
 def tissue_volumes(voxels):
     return (voxels.fractions * voxels.fill[:, None]).sum(axis=0) * np.prod(voxels.voxel)
-
-
-def box_with_hole():
-    """A box of 1 with a square duct of 0.5 along z, as one closed surface of genus 1."""
-    outer = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.5
-    ring = np.concatenate([outer, 0.5 * outer])
-    vertices = np.concatenate([np.c_[ring, np.full(8, -0.5)], np.c_[ring, np.full(8, 0.5)]])
-    faces = []
-    for i in range(4):
-        j = (i + 1) % 4
-        for quad in (
-            [i, j, 8 + j, 8 + i],
-            [4 + j, 4 + i, 12 + i, 12 + j],
-            [8 + i, 8 + j, 12 + j, 12 + i],
-            [j, i, 4 + i, 4 + j],
-        ):
-            faces += [[quad[0], quad[1], quad[2]], [quad[0], quad[2], quad[3]]]
-    return trimesh.Trimesh(vertices, faces, process=False)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from solids import box_with_hole
 from tledface import _core
 from tledface.geometry import voxelise
 
@@ -44,24 +45,6 @@ def shell():
     return trimesh.util.concatenate([sphere(), inner])
 
 
-def box_with_hole():
-    """A box with a square duct along z."""
-    outer = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.5
-    ring = np.concatenate([outer * BOX[:2], outer * DUCT])
-    vertices = np.concatenate([np.c_[ring, np.full(8, z)] for z in (-BOX[2] / 2, BOX[2] / 2)])
-    faces = []
-    for i in range(4):
-        j = (i + 1) % 4
-        for q in (
-            [i, j, 8 + j, 8 + i],
-            [4 + j, 4 + i, 12 + i, 12 + j],
-            [8 + i, 8 + j, 12 + j, 12 + i],
-            [j, i, 4 + i, 4 + j],
-        ):
-            faces += [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]
-    return trimesh.Trimesh(vertices, faces, process=False)
-
-
 def ball(radius):
     return 4 / 3 * np.pi * radius**3
 
@@ -75,7 +58,7 @@ def within_box_with_hole(depth):
 SHAPES = {
     "sphere": (sphere, lambda d: ball(R - d)),
     "torus": (torus, lambda d: 2 * np.pi**2 * R * (TUBE - d) ** 2),
-    "box with a hole": (box_with_hole, within_box_with_hole),
+    "box with a hole": (lambda: box_with_hole(BOX, DUCT), within_box_with_hole),
     "nested spheres": (shell, lambda d: ball(R - d) - ball(INNER + d)),
 }
 ENDS = (0.05e-3, 1.0e-3)

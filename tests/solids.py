@@ -17,7 +17,7 @@ def base_solid(rng):
     elif kind == "box":
         mesh = trimesh.creation.box((1.0, 1.5, 0.8)).subdivide().subdivide()
     elif kind == "box with a hole":
-        mesh = box_with_hole()
+        mesh = box_with_hole().subdivide()
     elif kind == "nested":
         mesh = trimesh.creation.icosphere(subdivisions=2)
         vertices = np.concatenate([mesh.vertices, 0.5 * mesh.vertices])
@@ -30,10 +30,11 @@ def base_solid(rng):
     return kind, np.array(mesh.vertices), np.array(mesh.faces), float(mesh.volume)
 
 
-def box_with_hole():
+def box_with_hole(size=(1.0, 1.0, 1.0), duct=0.5):
+    """A box with a square duct along z, as one closed surface of genus 1."""
     outer = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.5
-    ring = np.concatenate([outer, 0.5 * outer])
-    vertices = np.concatenate([np.c_[ring, np.full(8, -0.5)], np.c_[ring, np.full(8, 0.5)]])
+    ring = np.concatenate([outer * size[:2], outer * duct])
+    low, high = (np.c_[ring, np.full(8, z)] for z in (-size[2] / 2, size[2] / 2))
     faces = []
     for i in range(4):
         j = (i + 1) % 4
@@ -44,4 +45,4 @@ def box_with_hole():
             [j, i, 4 + i, 4 + j],
         ):
             faces += [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]
-    return trimesh.Trimesh(vertices, faces, process=False).subdivide()
+    return trimesh.Trimesh(np.concatenate([low, high]), faces, process=False)
