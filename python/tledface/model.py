@@ -265,11 +265,13 @@ class Model(ConditionsMixin, DirectionsMixin):
         """Return the same body as a conforming mesh, with its muscles, held nodes and gravity.
 
         For bodies whose nodes are to be moved off the grid. Layered voxels lose their section
-        modulus; prescribed motion, loads and bound surfaces are not taken along.
+        modulus; prescribed motion, sliding nodes, loads and bound surfaces are not taken along.
         """
         model = self.from_hexahedra(
             self.nodes, self.elements, self.tissues, self.tissue_materials, self.fractions
         )
+        model.fill = self.fill
+        model.directions = dict(self.directions)
         model.muscles = list(self.muscles)
         model.fixed[:] = self.fixed
         model.gravity = self.gravity

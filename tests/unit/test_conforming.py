@@ -171,3 +171,25 @@ def test_frames_are_written(tmp_path):
     reader.SetFileName(str(tmp_path / "f.vtkhdf"))
     reader.Update()
     assert reader.GetOutput().GetNumberOfCells() == 24
+
+
+def test_a_voxel_model_keeps_what_it_can_as_a_mesh(tmp_path):
+    weights = np.linspace(0.5, 1.0, 24)
+    block = tf.Model.block((4, 3, 2), (4e-3, 3e-3, 2e-3), FAT)
+    voxels = tf.Model.from_voxels(
+        block.voxel, block.origin, block.cells, ["fat"], [FAT], np.ones((24, 1)), fill=weights
+    )
+    voxels.add_muscle("m", lambda c: c[:, 2] < 1e-3, fibre=(1, 0, 0), sigma_act=1e4)
+    mesh = voxels.as_hexahedra()
+    mesh.save(tmp_path / "m.h5")
+    again = tf.Model.load(tmp_path / "m.h5")
+    u = 0.1e-3 * np.random.default_rng(4).standard_normal(voxels.nodes.shape)
+    forces = []
+    for model in (voxels, mesh, again):
+        sim = tf.Simulator(model, device="native", precision="double")
+        sim.activate("m", 0.5)
+        sim.set_state(u)
+        forces.append(sim.internal_force())
+        assert sim.mass.sum() == pytest.approx(1000.0 * weights.mean() * 24e-9)
+    assert abs(forces[1] - forces[0]).max() <= 1e-12 * abs(forces[0]).max()
+    assert np.array_equal(forces[1], forces[2])

@@ -14,6 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from tledface._model_checks import checked_fill
 from tledface.conditions import BodyForce, Prescribed, Pressure
 from tledface.constitutive import Material, material
 from tledface.errors import InputError
@@ -235,9 +236,12 @@ def _read_elements(file: h5py.Group) -> Model:
     materials = [_material(group) for group in groups]
     fractions = file["fractions"][()]
     if "nodes" in file:
-        return Model.from_hexahedra(
+        mesh = Model.from_hexahedra(
             file["nodes"][()], file["elements"][()], tissues, materials, fractions
         )
+        if "fill" in file:
+            mesh.fill = checked_fill(file["fill"][()], mesh.n_elements)
+        return mesh
     layered = "section_ratio" in file
     return Model.from_voxels(
         file.attrs["voxel"],
