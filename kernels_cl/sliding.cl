@@ -13,6 +13,15 @@
 // for bit and a restart goes on with the same bits. All positions are relative to a point amid the
 // nodes. Arrays: sliding_layout.cl.
 
+// Places farther than this from the middle of the nodes are lost, m.
+#define LOST R(1e3)
+// Share of a coordinate that rounding is worth, twice over.
+#if TLED_DOUBLE
+#define FLAT R(4e-16)
+#else
+#define FLAT R(2e-7)
+#endif
+
 typedef struct { real x, y, z; } Point;
 
 typedef struct {
@@ -94,6 +103,12 @@ INLINE int clamped_cell(real x, real low, real edge, int count) {
   return cell > R(0.0) ? (cell < (real)count ? (int)cell : count - 1) : 0;
 }
 
+// Distance of a place from the grid along one axis; 0 within.
+INLINE real beyond(real x, real low, real edge, int count) {
+  const real high = low + edge * (real)count;
+  return x < low ? low - x : x > high ? x - high : R(0.0);
+}
+
 // Distance, along one axis, from a place in the grid to the nearest side of its cell.
 INLINE real within_cell(real x, real low, real edge, int cell, int count) {
   real q = x < low ? low : x;
@@ -118,6 +133,9 @@ OUT_OF_LINE real nearest_in_grid(const SlideSurfaces* s, int surface, Point p, i
              mz = within_cell(p.z, low[2], edge, cz, nz);
   margin = my < margin ? my : margin;
   margin = mz < margin ? mz : margin;
+  const real bx = beyond(p.x, low[0], edge, nx), by = beyond(p.y, low[1], edge, ny),
+             bz = beyond(p.z, low[2], edge, nz);
+  const real gap = bx * bx + by * by + bz * bz;
   int longest = nx > ny ? nx : ny;
   longest = nz > longest ? nz : longest;
   real best = R(-1.0);
@@ -144,9 +162,10 @@ OUT_OF_LINE real nearest_in_grid(const SlideSurfaces* s, int surface, Point p, i
         }
       }
     }
-    // Cells beyond this ring are at least so far away.
+    // Cells beyond this ring are at least so far from the grid's place nearest to p, and the way from
+    // there to them and the way to p are at a right angle or more.
     const real far = margin + edge * (real)ring;
-    if (*face >= 0 && best <= far * far) break;
+    if (*face >= 0 && best <= far * far + gap) break;
   }
   return best;
 }
@@ -219,6 +238,14 @@ INLINE real within_triangle(__global const real* triangle, Point q) {
   return least > R(0.0) ? least : R(0.0);
 }
 
+INLINE int is_corner(__global const real* triangle, Point v) {
+  int same = 0;
+  for (int corner = 0; corner < 3; ++corner)
+    same |= triangle[3 * corner] == v.x && triangle[3 * corner + 1] == v.y &&
+            triangle[3 * corner + 2] == v.z;
+  return same;
+}
+
 // Levels 2 and 3 for one node: its plane and how far that holds. rows: of its lane.
 OUT_OF_LINE void find_plane(const SlideSurfaces* s, __global const real* u_next, int dof,
                             int surface, int free, __global real* rows, __global int* candidates,
@@ -227,6 +254,8 @@ OUT_OF_LINE void find_plane(const SlideSurfaces* s, __global const real* u_next,
   const Point X = {rows[SLIDE_PLACE * TLED_LANES], rows[(SLIDE_PLACE + 1) * TLED_LANES],
                    rows[(SLIDE_PLACE + 2) * TLED_LANES]};
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
+  // A state that has run away is for the watch to report, not to be sought for.
+  if (!(inner(p, p) < LOST * LOST)) return;
   Point off = minus(p, point_at(reals));
   real moved = square_root_of(inner(off, off));
   if (!(moved < reals[3])) {
@@ -257,6 +286,8 @@ OUT_OF_LINE void find_plane(const SlideSurfaces* s, __global const real* u_next,
   if (best.feature == 0) {
     const real side = inner(away, n) < R(0.0) ? R(-1.0) : R(1.0);
     radius = within_triangle(triangle, best.at);
+    // What rounding may lift a corner of a flat neighbour off the plane.
+    const real flat = FLAT * square_root_of(inner(on, on));
     const real left = reals[3] - moved;
     radius = left < radius ? left : radius;
     for (int k = 0; k < count; ++k) {
@@ -266,13 +297,16 @@ OUT_OF_LINE void find_plane(const SlideSurfaces* s, __global const real* u_next,
       const real there = square_root_of(closest_on_triangle(other, p).square);
       real hold = R(0.49) * (there - distance);
       // A triangle that lies wholly behind this one's plane is never nearer than the plane itself,
-      // as long as the node stays on its side.
+      // as long as the node stays on its side. Corners that both have are on it, whatever the
+      // rounding.
       real most = R(-1.0);
       for (int corner = 0; corner < 3; ++corner) {
-        const real height = side * inner(n, minus(point_at(other + 3 * corner), on));
-        most = height > most || corner == 0 ? height : most;
+        const Point v = point_at(other + 3 * corner);
+        if (is_corner(triangle, v)) continue;
+        const real height = side * inner(n, minus(v, on));
+        most = height > most ? height : most;
       }
-      if (most <= R(0.0) && distance > hold) hold = distance;
+      if (most <= flat && distance > hold) hold = distance;
       radius = hold < radius ? hold : radius;
     }
     radius = R(0.98) * radius;

@@ -194,3 +194,17 @@ def test_sliding_takes_no_energy(figure):
     energies = sim.energies
     held = energies["kinetic"] + energies["strain"] + energies["hourglass"]
     figure("balance error over the energy", abs(energies["error"]) / held, at_most=0.02)
+
+
+def test_a_state_that_runs_away_is_reported_at_once():
+    """No node is sought for once it is no number: the watch gets its turn."""
+    surface, height = SURFACES["sphere"]
+    model, lower = tissue(height)
+    surface = surface.copy()
+    surface.apply_translation(FAR)
+    model.slide(lower, surface)
+    sim = tf.Simulator(model, device="native")
+    with np.errstate(over="ignore"):
+        sim._core.dt = 50 * sim.dt
+        with pytest.raises(tf.SimulationError, match="no longer finite"):
+            sim.step(2000)
