@@ -326,7 +326,6 @@ void define_simulator(py::module_& module) {
       .def("in_double", &Simulator::in_double)
       .def("take_state", &Simulator::take_state, py::arg("other"))
       .def("relaxation_masses", [](Simulator& sim) { return to_array(sim.relaxation_masses()); })
-      .def("slide_now", &Simulator::slide_now)
       .def("sliding_normals",
            [](const Simulator& sim) { return to_array(sim.sliding_normals(), 3); })
       .def("finish", &Simulator::finish, py::call_guard<py::gil_scoped_release>())

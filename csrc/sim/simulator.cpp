@@ -267,12 +267,6 @@ void Simulator::set_state(const std::vector<double>& u, const std::vector<double
   starts_ = true;
 }
 
-void Simulator::slide_now() {
-  if (!sliding_) return;
-  sliding_->enqueue(now_);
-  device_->finish();
-}
-
 RawState Simulator::raw_state() {
   device_->finish();
   RawState state;

@@ -127,8 +127,6 @@ class Simulator {
   std::vector<double> sliding_normals() const {
     return sliding_ ? sliding_->normals() : std::vector<double>();
   }
-  // Puts sliding nodes of the displacement of now to their distances, at rest.
-  void slide_now();
   ElementState element_state(const std::vector<double>& activations);
   // First node whose displacement is not finite, or -1.
   std::int64_t first_non_finite_node();
