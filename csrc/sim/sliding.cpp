@@ -13,7 +13,7 @@ namespace {
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
 // Where the kernel takes the index of the step in the table.
-constexpr unsigned kStepIndex = 18;
+constexpr unsigned kStepIndex = 18, kTask = 19;
 
 std::unique_ptr<Buffer> upload(Device& device, const std::vector<double>& values,
                                Precision precision) {
@@ -120,8 +120,9 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     if (node_at[place] == n_nodes_) {
       put_int(SLIDE_DOF, empty);
       put_int(SLIDE_SURFACE, -1);
-      put(SLIDE_RADIUS, 1e30);  // what a moving surface sees of the empty block is somewhere
-      put(SLIDE_LIMIT, 1);
+      // What a moving surface sees of the empty block is somewhere.
+      put(SLIDE_RADIUS, 1e30);
+      for (int k = 0; k < SLIDE_MOST_BORDERS; ++k) put(SLIDE_BORDERS + 4 * k + 3, 1e30);
       continue;
     }
     const std::size_t i = node_at[place];
@@ -208,11 +209,13 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& step_table, std::i
     }
 }
 
-void Sliding::enqueue(int next, std::int32_t step_index) {
+void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   for (Group& group : groups_) {
     group.kernel[next]->set_arg(kStepIndex, step_index);
+    group.kernel[next]->set_arg(kTask, std::int32_t(moved_ ? 1 : 0) | (keep_normals ? 2 : 0));
     group.kernel[next]->enqueue(group.n_items, kGroup);
   }
+  moved_ = false;
 }
 
 std::vector<double> Sliding::read_rows() const {
