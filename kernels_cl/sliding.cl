@@ -269,8 +269,8 @@ OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
 typedef struct {
   real ball;
   int n_borders;
-  real within[SLIDE_MOST_BORDERS];
-  Point outward[SLIDE_MOST_BORDERS];
+  real within[REGION_MOST_BORDERS];
+  Point outward[REGION_MOST_BORDERS];
 } Region;
 
 INLINE void hold_within(Region* region, real distance) {
@@ -280,7 +280,7 @@ INLINE void hold_within(Region* region, real distance) {
 INLINE void hold_before(Region* region, real distance, Point outward) {
   if (distance >= region->ball) return;
   int at = region->n_borders;
-  if (at == SLIDE_MOST_BORDERS) {
+  if (at == REGION_MOST_BORDERS) {
     --at;
     if (distance >= region->within[at]) {
       hold_within(region, distance);
@@ -360,9 +360,10 @@ INLINE int beside_edge(__global const real* triangle, Point a, Point b, Point al
 // Levels 2 and 3 for one node at displacement u: its surface and how far that holds. rows: of its
 // lane. The result says whether it is on an edge or corner.
 OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int free,
-                             __global real* rows, __global int* candidates, __global real* reals) {
-  const Point X = {rows[SLIDE_PLACE * TLED_LANES], rows[(SLIDE_PLACE + 1) * TLED_LANES],
-                   rows[(SLIDE_PLACE + 2) * TLED_LANES]};
+                             __global real* rows, __global real* region_rows,
+                             __global int* candidates, __global real* reals) {
+  const Point X = {region_rows[REGION_PLACE * TLED_LANES], region_rows[(REGION_PLACE + 1) * TLED_LANES],
+                   region_rows[(REGION_PLACE + 2) * TLED_LANES]};
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
   // A state that has run away is for the watch to report, not to be sought for.
   if (!(inner(p, p) < LOST * LOST)) return 0;
@@ -511,10 +512,10 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
   along = times(free == 7 ? R(1.0) : share > R(0.01) ? R(1.0) / share : R(0.0), along);
   if (round != R(0.0)) n = axis;
   const Point to = minus(on, X);
-  const real keep = rows[SLIDE_DISTANCE * TLED_LANES];
+  const real keep = region_rows[REGION_DISTANCE * TLED_LANES];
   real slack = radius;
-  for (int k = 0; k < SLIDE_MOST_BORDERS; ++k) {
-    __global real* border = rows + (SLIDE_BORDERS + 4 * k) * TLED_LANES;
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    __global real* border = region_rows + (REGION_BORDERS + 4 * k) * TLED_LANES;
     const int is = k < region.n_borders;
     const real within = is ? R(0.98) * region.within[k] - flat : R(1.0);
     const Point out = is ? region.outward[k] : times(R(0.0), normal);
@@ -524,12 +525,12 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
     border[3 * TLED_LANES] = inner(out, u) + within;
     slack = within < slack ? within : slack;
   }
-  const real values[SLIDE_BORDERS] = {slack,   n.x,     n.y,     n.z,
-                                      round != R(0.0) ? keep : keep + inner(n, to),
-                                      round,   to.x,    to.y,    to.z,
-                                      along.x, along.y, along.z,
-                                      u.x,     u.y,     u.z,     radius};
-  for (int k = 0; k < SLIDE_BORDERS; ++k) rows[k * TLED_LANES] = values[k];
+  const real values[SLIDE_ROWS] = {slack, n.x, n.y, n.z,
+                                  round != R(0.0) ? keep : keep + inner(n, to),
+                                  round, to.x, to.y, to.z};
+  for (int k = 0; k < SLIDE_ROWS; ++k) rows[k * TLED_LANES] = values[k];
+  const real region_values[REGION_BORDERS] = {along.x, along.y, along.z, u.x, u.y, u.z, radius};
+  for (int k = 0; k < REGION_BORDERS; ++k) region_rows[k * TLED_LANES] = region_values[k];
   return round != R(0.0);
 }
 
@@ -583,6 +584,7 @@ INLINE realv rubbed_share(realv coefficient, realv off, realv way) {
 // A row of nodes and what it slides on; `first` to `last`: the lanes of the work-item.
 typedef struct {
   __global real* rows;
+  __global real* regions;
   __global int* ints;
   __global int* candidates;
   __global real* candidate_reals;
@@ -593,19 +595,19 @@ typedef struct {
 // Where the nodes of a row are as seen from their surface.
 INLINE Points lanes_seen(const SlideRow* row, Points u) {
   if (!row->moves) return u;
-  return lanes_seen_from(row->pose, lanes_of(row->rows + row->first + SLIDE_PLACE * TLED_LANES), u);
+  return lanes_seen_from(row->pose, lanes_of(row->regions + row->first + REGION_PLACE * TLED_LANES), u);
 }
 
 // Distance to the nearest side of the regions of a row's nodes, seen from their surface; not above 0
 // outside.
 INLINE realv left_in_regions(const SlideRow* row, Points u) {
-  __global const real* lanes = row->rows + row->first;
-  const Points anchor = lanes_of(lanes + SLIDE_ANCHOR * TLED_LANES);
+  __global const real* lanes = row->regions + row->first;
+  const Points anchor = lanes_of(lanes + REGION_ANCHOR * TLED_LANES);
   const Points way = {u.x - anchor.x, u.y - anchor.y, u.z - anchor.z};
   realv left =
-      load_lanes(lanes + SLIDE_RADIUS * TLED_LANES) - square_root(lanes_inner(way, way));
-  for (int k = 0; k < SLIDE_MOST_BORDERS; ++k) {
-    __global const real* border = lanes + (SLIDE_BORDERS + 4 * k) * TLED_LANES;
+      load_lanes(lanes + REGION_RADIUS * TLED_LANES) - square_root(lanes_inner(way, way));
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    __global const real* border = lanes + (REGION_BORDERS + 4 * k) * TLED_LANES;
     const realv to = load_lanes(border + 3 * TLED_LANES) - lanes_inner(lanes_of(border), u);
     left = to < left ? to : left;
   }
@@ -628,6 +630,7 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
     const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
     if (surface < 0) continue;
     __global real* mine = row->rows + lane;
+    __global real* region = row->regions + lane;
     if (mine[SLIDE_SLACK * TLED_LANES] > R(0.0)) {
       round |= mine[SLIDE_ROUND * TLED_LANES] != R(0.0);
       continue;
@@ -635,13 +638,13 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
     const int dof = row->ints[lane];
     Point v = {u[dof], u[dof + TLED_LANES], u[dof + 2 * TLED_LANES]};
     if (row->moves) {
-      const Point X = {mine[SLIDE_PLACE * TLED_LANES], mine[(SLIDE_PLACE + 1) * TLED_LANES],
-                       mine[(SLIDE_PLACE + 2) * TLED_LANES]};
+      const Point X = {region[REGION_PLACE * TLED_LANES], region[(REGION_PLACE + 1) * TLED_LANES],
+                       region[(REGION_PLACE + 2) * TLED_LANES]};
       v = seen_from(row->pose, X, v);
     }
     // Held components are looked after by whoever turns the way back, where the surface may turn.
     const int free = row->moves ? 7 : row->ints[SLIDE_FREE * TLED_LANES + lane];
-    round |= find_surface(s, v, surface, free, mine, row->candidates + lane * SLIDE_CANDIDATES,
+    round |= find_surface(s, v, surface, free, mine, region, row->candidates + lane * SLIDE_CANDIDATES,
                           row->candidate_reals + lane * SLIDE_CANDIDATE_REALS);
   }
   __global int* shape = row->ints + SLIDE_SHAPE * TLED_LANES + row->first;
@@ -663,7 +666,7 @@ INLINE WayBack way_back(const SlideRow* row, Points seen) {
   WayBack way;
   way.off = target - lanes_inner(n, seen);
   way.normal = way.back = n;
-  if (shape & 2) way.back = lanes_of(lanes + SLIDE_ALONG * TLED_LANES);
+  if (shape & 2) way.back = lanes_of(row->regions + row->first + REGION_ALONG * TLED_LANES);
   if (shape & 1) {
     const realv round = load_lanes(lanes + SLIDE_ROUND * TLED_LANES);
     const Points on = lanes_of(lanes + SLIDE_ON * TLED_LANES);
@@ -686,8 +689,8 @@ INLINE WayBack way_back(const SlideRow* row, Points seen) {
 }
 
 // A node that may leave is only ever pushed to its side of the surface.
-INLINE realv released(realv off, __global const real* lanes, __global const real* laws) {
-  const realv pushed = load_lanes(lanes + SLIDE_DISTANCE * TLED_LANES) < R(0.0) ? -off : off;
+INLINE realv released(realv off, __global const real* region, __global const real* laws) {
+  const realv pushed = load_lanes(region + REGION_DISTANCE * TLED_LANES) < R(0.0) ? -off : off;
   const realv held =
       load_lanes(laws + SLIDE_RELEASE * TLED_LANES) > R(0.5) ? pushed : absolute(off);
   return held < R(0.0) ? broadcast(R(0.0)) : off;
@@ -698,7 +701,8 @@ INLINE realv released(realv off, __global const real* lanes, __global const real
 // stand still. has_laws: slide_laws is there. task, bits: 1 the nodes may be anywhere since the last
 // launch; 2 the ways back are to be kept, for reactions.
 __kernel void slide_nodes(__global real* restrict u_next, __global const real* restrict u_now,
-                          __global real* restrict slide_rows, __global int* restrict slide_ints,
+                          __global real* restrict slide_rows,
+                          __global real* restrict slide_regions, __global int* restrict slide_ints,
                           __global const real* restrict slide_laws,
                           __global int* restrict candidates,
                           __global real* restrict candidate_reals,
@@ -719,6 +723,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   __global const real* step = step_table + (long)step_index * step_reals;
   const long node = (long)place * TLED_LANES;
   const SlideRow row = {slide_rows + node * SLIDE_ROWS,
+                        slide_regions + node * REGION_ROWS,
                         slide_ints + node * SLIDE_INTS,
                         candidates + node * SLIDE_CANDIDATES,
                         candidate_reals + node * SLIDE_CANDIDATE_REALS,
@@ -728,13 +733,14 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
                         last};
   const SlideSurfaces surfaces = {triangles, grids, grid_reals, cell_begin, cell_triangles};
   __global real* lanes = row.rows + first;
+  __global real* region = row.regions + first;
   __global const int* dofs = row.ints + first;
   Points u = lanes_at(u_next, dofs);
   Points seen = lanes_seen(&row, u);
   // The way in this step as seen from the surface.
   Points step_way = lanes_at(u_now, dofs);
   if (row.moves)
-    step_way = lanes_seen_from(row.pose - POSE_REALS, lanes_of(lanes + SLIDE_PLACE * TLED_LANES),
+    step_way = lanes_seen_from(row.pose - POSE_REALS, lanes_of(region + REGION_PLACE * TLED_LANES),
                                step_way);
   step_way.x = seen.x - step_way.x;
   step_way.y = seen.y - step_way.y;
@@ -756,10 +762,10 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
       rubbed.y -= steep * way.normal.y;
       rubbed.z -= steep * way.normal.z;
       const realv length = square_root(lanes_inner(rubbed, rubbed));
-      const realv share = rubbed_share(coefficient, released(way.off, lanes, laws), length);
-      store_lanes(load_lanes(lanes + SLIDE_LOSS * TLED_LANES) +
+      const realv share = rubbed_share(coefficient, released(way.off, region, laws), length);
+      store_lanes(load_lanes(region + REGION_LOSS * TLED_LANES) +
                       share * length * length * (R(1.0) - share) / step[STEP_FORCE],
-                  lanes + SLIDE_LOSS * TLED_LANES);
+                  region + REGION_LOSS * TLED_LANES);
       if (row.moves) rubbed = lanes_turned(row.pose, rubbed);
       u.x -= share * may.x * rubbed.x;
       u.y -= share * may.y * rubbed.y;
@@ -771,7 +777,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
       find_surfaces(&row, &surfaces, seen, R(1.001) * share * length, u_next);
       way = way_back(&row, seen);
     }
-    way.off = released(way.off, lanes, laws);
+    way.off = released(way.off, region, laws);
     if (row.moves) {
       const Points to = lanes_turned(row.pose, way.normal);
       const Points free = {may.x * to.x, may.y * to.y, may.z * to.z};
@@ -789,9 +795,9 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
                   square_root(lanes_inner(way.back, way.back)),
               lanes + SLIDE_SLACK * TLED_LANES);
   if (task & 2) {
-    store_lanes(way.back.x, lanes + SLIDE_ALONG * TLED_LANES);
-    store_lanes(way.back.y, lanes + (SLIDE_ALONG + 1) * TLED_LANES);
-    store_lanes(way.back.z, lanes + (SLIDE_ALONG + 2) * TLED_LANES);
+    store_lanes(way.back.x, region + REGION_ALONG * TLED_LANES);
+    store_lanes(way.back.y, region + (REGION_ALONG + 1) * TLED_LANES);
+    store_lanes(way.back.z, region + (REGION_ALONG + 2) * TLED_LANES);
   }
 }
 

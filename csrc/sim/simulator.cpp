@@ -200,8 +200,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     for (std::size_t i = 0; i < batch; ++i) {
       const std::int64_t at = (clock_steps_ + static_cast<std::int64_t>(i) + 1) / kFieldStride;
       enqueue_step(static_cast<std::int32_t>(i), static_cast<std::int32_t>(at - key));
-      if (sliding_)
-        sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == n);
+      if (sliding_) sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == n);
       now_ = 1 - now_;
     }
     starts_ = false;

@@ -60,7 +60,7 @@ class Sliding {
   };
   std::unique_ptr<Buffer> reals(const std::vector<double>& values);
   std::unique_ptr<Buffer> integers(const std::vector<std::int32_t>& values);
-  std::vector<double> read_rows() const;
+  std::vector<double> read_regions() const;
 
   Device& device_;
   Precision precision_;
@@ -71,8 +71,8 @@ class Sliding {
   Vec3 centre_;
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
   std::vector<Group> groups_;
-  std::unique_ptr<Buffer> rows_, ints_, laws_, candidates_, candidate_reals_, triangles_, grids_,
-      grid_reals_, cell_begin_, cell_triangles_;
+  std::unique_ptr<Buffer> rows_, regions_, ints_, laws_, candidates_, candidate_reals_, triangles_,
+      grids_, grid_reals_, cell_begin_, cell_triangles_;
 };
 
 // Squared distance and nearest triangle of points (3 each) as the device's grid search finds them.
