@@ -38,7 +38,7 @@ def wrinkle_picture(
     view: View = "oblique",
     up: ArrayLike = (0.0, 0.0, 1.0),
     title: str | None = None,
-    profile: Line | None = None,
+    profile: Line | bool = True,
 ) -> Path:
     """Write a PNG of a surface at rest and deformed, in one scale, and a profile across it.
 
@@ -53,7 +53,8 @@ def wrinkle_picture(
         up: (3,) direction of height for the named views, else what points up in the picture.
         title: A line above the picture.
         profile: Two points of a line; the profile is cut above it, along ``up`` for the named
-            views, else along the view. None: through the middle, across the folds.
+            views, else along the view. True: through the middle, across the folds. False: none,
+            for bodies that have no folds.
 
     Returns:
         The path.
@@ -67,15 +68,18 @@ def wrinkle_picture(
         raise InputError(f"picture {path}: the name must end in .png")
     rest, deformed, triangles = checked_surface(rest_vertices, vertices, faces)
     camera = camera_on(np.concatenate([rest[triangles], deformed[triangles]]), view, up, (780, 640))
-    line = profile or _line_across_folds(rest, deformed, triangles, camera)
+    line = None if isinstance(profile, bool) else profile
+    if profile is True:
+        line = _line_across_folds(rest, deformed, triangles, camera)
     rows, columns = camera.shape
     width = 16.0
     panel_width = 0.47 * width
     panel_height = min(panel_width * rows / columns, 8.0)
-    height = panel_height + (4.3 if title else 3.95)
+    below = 3.5 if line else 0.45
+    height = panel_height + below + (0.8 if title else 0.45)
     figure = Figure(figsize=(width, height), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
-    bottom = 3.5 / height
+    bottom = below / height
     boxes = ((0.02, "at rest", rest), (0.51, "deformed", deformed))
     for left, label, points in boxes:
         axes = figure.add_axes((left, bottom, 0.47, panel_height / height))
@@ -83,14 +87,10 @@ def wrinkle_picture(
         axes.set_axis_off()
         axes.set_title(label, color=_INK, fontsize=15, loc="left", pad=4)
         scale_bar(axes, camera)
-    _mark_line(axes, deformed, triangles, camera, line)
-    _draw_profile(
-        figure.add_axes((0.06, 0.62 / height, 0.91, 2.15 / height)),
-        (rest, deformed),
-        triangles,
-        camera,
-        line,
-    )
+    if line:
+        _mark_line(axes, deformed, triangles, camera, line)
+        below_panels = figure.add_axes((0.06, 0.62 / height, 0.91, 2.15 / height))
+        _draw_profile(below_panels, (rest, deformed), triangles, camera, line)
     if title:
         figure.text(
             0.02, 1.0 - 0.16 / height, title, color=_INK, fontsize=19, weight="bold", va="top"

@@ -374,7 +374,7 @@ def _write_results(
     for name, role in _shown_beside(model, surface):
         other = model.surfaces[name]
         write_surface(files[role], other.displaced(u), other.polygons)
-    view: dict[str, Any] = {}
+    view: dict[str, Any] = {"profile": False}
     if folds is not None:
         view = {"profile": folds.line}
         if scene.geometry.outer == "all":

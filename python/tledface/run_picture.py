@@ -58,11 +58,15 @@ def run_pictures(
             f"render {directory}: no run; give the folder of `tledface run`, or a model file"
         )
     kind = "stress" if stress else "skin"
+    # A run without its end has no result; it is drawn as one with folds.
+    found: dict[str, Any] | None = about.get("result", {"wrinkles": {}}).get("wrinkles")
     if views is None:
-        found = ((about.get("result") or {}).get("wrinkles")) or {}
-        chosen = [(kind, _own_view(found))]
+        chosen = [(kind, _own_view(found or {}))]
     else:
         chosen = [(f"{kind}-{_plain(view)}", _view(view)) for view in dict.fromkeys(views)]
+    if found is None:
+        # No muscle pulled: there is nothing to measure across.
+        chosen = [(name, {**options, "profile": False}) for name, options in chosen]
     frames = RunFrames(directory)
     pair = (0, frames.at(at))
     rest, moved, faces = frames.surface(pair)
@@ -74,7 +78,7 @@ def run_pictures(
         ]
     on_skin, voxels = frames.surface_stress(pair), frames.voxels(pair)
     _make(folder)
-    before, after = (f"{1e3 * frames.times[frame]:.4g} ms" for frame in pair)
+    before, after = (f"{1e3 * frames.times[frame]:.3g} ms" for frame in pair)
     labels = (f"at the start, {before}", f"at {after}")
     files = []
     for name, options in chosen:
