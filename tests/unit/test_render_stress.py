@@ -208,6 +208,19 @@ def test_render_verb_draws_stress(run, tmp_path, monkeypatch):
     assert late.shape != early.shape or (late != early).any()
 
 
+def test_a_run_without_muscles_is_drawn_without_a_profile(run, tmp_path):
+    scene, folder = run
+    still = {**scene.source, "muscles": []}
+    still["geometry"] = {**still["geometry"], "outer": "all"}
+    still["solver"] = {**still["solver"], "gravity": [0, 0, "-9.81 m/s^2"]}
+    scene = tf.Scene.from_dict(still, folder.parent)
+    run_scene(scene, tmp_path / "run", device="native", quiet=True)
+    assert call("render", tmp_path / "run", "-o", tmp_path / "p").exit_code == 0
+    own = pixels(tmp_path / "run" / "wrinkles.png")
+    np.testing.assert_array_equal(pixels(tmp_path / "p" / "skin.png"), own)
+    assert len(own) < len(pixels(folder / "wrinkles.png")) - 250
+
+
 def test_render_draws_the_stress_of_a_run_that_was_killed(run, tmp_path):
     _, folder = run
     killed = tmp_path / "killed"
