@@ -6,6 +6,7 @@ two sides differ by their densities alone.
 
 import numpy as np
 import pytest
+import trimesh
 
 import tledface as tf
 from tledface.errors import InputError
@@ -123,6 +124,9 @@ def test_the_body_may_stand_along_any_axis(body, tmp_path):
         armadillo.write(tmp_path / "b", data=turned, up="-z", front="+x", **SHORT)
     ).build()
     assert one.n_elements == other.n_elements
+    # Turned, not mirrored: faces that looked outwards do so still.
+    for name in "ab":
+        assert trimesh.load(tmp_path / name / "skin.ply", process=False).volume > 0.0
     np.testing.assert_allclose(
         np.ptp(one.surfaces["skin"].vertices, axis=0),
         np.ptp(other.surfaces["skin"].vertices, axis=0),
