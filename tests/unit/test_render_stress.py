@@ -50,7 +50,7 @@ def test_stress_of_elements_is_carried_to_the_surface_above_them():
     np.testing.assert_allclose(found[inner], 1e6 * points[inner, 0], rtol=1e-12)
     np.testing.assert_allclose(found[points[:, 0] == 0.0], 0.5e3, rtol=1e-12)
     # Beside the body the value of its edge, not what a line through the last two would give.
-    beside = BoundSurface.on(model, points + (1e-3, 0.0, 0.0), faces)
+    beside = BoundSurface.on(model, np.add(points, (1e-3, 0.0, 0.0)), faces)
     found = beside.of_elements(1e6 * x)
     np.testing.assert_allclose(found[points[:, 0] > 7.9e-3], 7.5e3, rtol=1e-12)
     far = BoundSurface.on(model, points + [0, 0, 1e-3] * (points[:, :1] > 4e-3), faces, reach=5e-4)
