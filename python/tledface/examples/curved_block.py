@@ -107,7 +107,7 @@ def write(
         raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another") from None
     if coarse:
         half, voxel = True, 1.5 * voxel
-    for name, solid in _solids(thickness, voxel).items():
+    for name, solid in _solids(thickness, voxel, half).items():
         write_surface(folder / f"{name}.ply", *solid)
     path = folder / "curved-block.toml"
     layers = [
@@ -129,26 +129,27 @@ def _rim(voxel: float) -> tuple[float, float]:
     return voxel * round(float(side) / voxel), voxel * round(float(top) / voxel)
 
 
-def _skin(thickness: float, voxel: float) -> Any:
+def _skin(thickness: float, voxel: float, half: bool) -> Any:
     """The skin, whose rows and columns end where the block does, and one of each beyond it."""
     side, top = _rim(voxel)
     high = _BONE.upright * np.arcsin(top / (_BONE.upright + thickness))
     rows = np.linspace(-high, high, 2 * round(high / voxel) + 1)
     rows = np.concatenate([[-high - _BEYOND], rows, [high + _BEYOND]])
-    columns = 2 * round(_HALF_WIDTH / voxel) + 1
+    shares = np.linspace(-1.0, 1.0, 2 * round(_HALF_WIDTH / voxel) + 1)
+    if half:
+        shares = shares[: len(shares) // 2 + 1]
     wide = _BONE.horizontal * np.arcsin(side / _BONE.radius(rows, thickness))[:, None]
-    u = np.concatenate(
-        [-wide - _BEYOND, wide * np.linspace(-1.0, 1.0, columns), wide + _BEYOND], axis=1
-    )
+    u = wide * shares
+    u = np.concatenate([u[:, :1] - _BEYOND, u, u[:, -1:] + _BEYOND], axis=1)
     return _BONE.solid(u, np.broadcast_to(rows[:, None], u.shape), _INSIDE, thickness)
 
 
-def _solids(thickness: float, voxel: float) -> dict[str, Any]:
+def _solids(thickness: float, voxel: float, half: bool) -> dict[str, Any]:
     """The closed surfaces by name: vertices (mm) and faces."""
     wide, high = _HALF_WIDTH + 2 * _BEYOND, _HALF_HEIGHT + 2 * _BEYOND
     sheet = _BONE.sheet
     solids: dict[str, Any] = {
-        "skin": _skin(thickness, voxel),
+        "skin": _skin(thickness, voxel, half),
         "bone": sheet(-wide, wide, -high, high, 1.5 * _INSIDE, 0.0),
         "galea": sheet(-44.0, 44.0, _CREST - _OVERLAP, high, _LOW, _HIGH),
         "procerus": sheet(-5.0, 5.0, -high, _BROW + 4.0, _LOW, _HIGH),
