@@ -205,6 +205,8 @@ layer_bending = "blended"
 skin = "skin.ply"
 bones = ["bone.ply"]
 voxel = {voxel:g}
+# Voxels that the skin fills in part weigh in part: else its folds are beaded.
+partial = "bone-full"
 region = [[{-side:g}, {front:g}, {-top:g}], [{right:g}, 0, {top:g}]]
 """
     ]
