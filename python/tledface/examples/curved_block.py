@@ -2,8 +2,8 @@
 
 Skin 4.5 mm thick everywhere, three layers, on a bone curved in two directions; its lower nodes
 slide on the bone. Two frontalis bellies hang from a galea that ends in the held upper rim; procerus
-and corrugators below them start from the bone. The sides are held like temples, the lower rim is
-free. The frontalis lifts the lower rim and folds the skin above it crosswise.
+and corrugators below them start from the bone, at rest. The sides are held like temples, the lower
+rim is free. The frontalis lifts the lower rim and folds the skin above it crosswise.
 """
 
 from __future__ import annotations
@@ -22,18 +22,20 @@ __all__ = ["ABOUT_VARIANTS", "VARIANTS", "write"]
 
 VARIANTS: dict[str, dict[str, object]] = {
     "reference": {},
-    "frown": {"action": "frown"},
     "single-material": {"single_material": True},
+    "young": {"corneum_modulus": 24.0},
+    "fat": {"thickness": 6.0},
 }
 ABOUT_VARIANTS: dict[str, str] = {
-    "reference": "the frontalis contracts, the skin slides on the bone",
-    "frown": "procerus and corrugators contract instead",
+    "reference": "three layers, corneum of 48 MPa",
     "single-material": "all skin of one material: no folds",
+    "young": "corneum of 24 MPa",
+    "fat": "1.5 mm more fat over the muscles: fewer and larger folds",
 }
 
 # mm: a forehead's radii, and the block on it (arc lengths on the bone, thickness of the skin).
 _BONE = Bowl(horizontal=72.0, upright=85.0)
-_HALF_WIDTH, _HALF_HEIGHT, THICKNESS = 53.0, 50.75, 4.5
+_HALF_WIDTH, _HALF_HEIGHT, THICKNESS = 54.0, 53.0, 4.5
 # Skin and bone go on beyond the block, whose rim is a cut, by more than the thickness; the skin's
 # inner side lies in the bone.
 _BEYOND, _INSIDE = 8.0, -16.0
@@ -42,7 +44,6 @@ _LOW, _HIGH = 0.5, 1.5
 # A belly of the frontalis: lower and upper edge; the galea reaches into it by the overlap.
 _BROW, _CREST, _OVERLAP = -36.0, 18.0, 3.0
 _DERMIS, _HYPODERMIS, _MUSCLE = "81.4 kPa", "34 kPa", "0.5 MPa"
-_ACTIONS = {"raise": ("frontalis",), "frown": ("procerus", "corrugator")}
 # Surfaces and fibres.
 _MUSCLES = {
     "frontalis": (["frontalis_left", "frontalis_right"], '{ kind = "sheet", to = "+z" }'),
@@ -55,7 +56,6 @@ _MUSCLES = {
 def write(
     folder: str | Path,
     *,
-    action: str = "raise",
     single_material: bool = False,
     half: bool = False,
     coarse: bool = False,
@@ -69,7 +69,6 @@ def write(
 
     Args:
         folder: Existing or new folder; files of the same names are replaced.
-        action: ``raise`` (frontalis) or ``frown`` (procerus and corrugators).
         single_material: One skin material (the dermis) instead of three: no folds form.
         half: Only the half x < 0, with a plane of symmetry.
         coarse: The half, with voxels half as large again.
@@ -84,11 +83,9 @@ def write(
         The scene file, ``curved-block.toml``.
 
     Raises:
-        InputError: the folder cannot be made, another action, or a size that is not allowed.
+        InputError: the folder cannot be made, or a value that is not allowed.
     """
     folder = Path(folder)
-    if action not in _ACTIONS:
-        raise InputError(f"curved block action: got {action!r}, allowed: {', '.join(_ACTIONS)}")
     for name, value, unit, least, most in (
         ("corneum", corneum, "mm", 0.0, 1.8),
         ("corneum_modulus", corneum_modulus, "MPa", 0.0, np.inf),
@@ -118,7 +115,7 @@ def write(
     if single_material:
         layers = [("skin", None, _DERMIS)]
     with atomic_path(path, "scene") as part:
-        part.write_text(_scene(layers, galea_modulus, action, half, voxel), encoding="utf-8")
+        part.write_text(_scene(layers, galea_modulus, half, voxel), encoding="utf-8")
     return path
 
 
@@ -146,7 +143,9 @@ def _skin(thickness: float, voxel: float, half: bool) -> Any:
 
 def _solids(thickness: float, voxel: float, half: bool) -> dict[str, Any]:
     """The closed surfaces by name: vertices (mm) and faces."""
-    wide, high = _HALF_WIDTH + 2 * _BEYOND, _HALF_HEIGHT + 2 * _BEYOND
+    high = _HALF_HEIGHT + 2 * _BEYOND
+    # Wide enough to be under the skin at the corners, where the same x is farther round the bone.
+    wide = _HALF_WIDTH + 5 * _BEYOND
     sheet = _BONE.sheet
     solids: dict[str, Any] = {
         "skin": _skin(thickness, voxel, half),
@@ -165,8 +164,8 @@ def _solids(thickness: float, voxel: float, half: bool) -> dict[str, Any]:
 
 
 def _medial(v: Any) -> Any:
-    """The inner edge of the left belly: a gap that opens upwards in a V, which the galea fills."""
-    return 2.0 + 10.0 * np.clip((np.asarray(v) - _BROW - 14.0) / 40.0, 0.0, 1.0)
+    """The inner edge of the left belly: a narrow gap that opens upwards in a V."""
+    return 1.5 + 2.5 * np.clip((np.asarray(v) - _BROW) / (_CREST - _BROW), 0.0, 1.0)
 
 
 def _lateral(v: Any) -> Any:
@@ -186,7 +185,6 @@ def _corrugator(sign: float) -> Any:
 def _scene(
     layers: list[tuple[str, float | None, str]],
     galea_modulus: float,
-    action: str,
     half: bool,
     voxel: float,
 ) -> str:
@@ -216,7 +214,7 @@ region = [[{-side:g}, {front:g}, {-top:g}], [{right:g}, 0, {top:g}]]
     for name, (files, fibre) in _MUSCLES.items():
         kept = [file for file in files if not (half and file.endswith("_left"))]
         if kept:
-            blocks.append(_muscle(name, kept, fibre, name.split("_")[0] in _ACTIONS[action]))
+            blocks.append(_muscle(name, kept, fibre, name == "frontalis"))
     tendon = _material(f"{galea_modulus:g} MPa")
     blocks.append(f'[[volumes]]\nname = "galea"\nsurfaces = ["galea.ply"]\n{tendon}\n')
     blocks.append(_boundary(half))
@@ -251,7 +249,7 @@ sigma_act = "5 MPa"
 def _boundary(half: bool) -> str:
     """What is held: the upper rim and the sides, muscles at their bones; what slides."""
     rooted = f"{_BONE.places(0.0, -_HALF_HEIGHT + 4.0, 0.0)[2]:.2f}"
-    medial = f"{_BONE.places(0.0, -_HALF_HEIGHT + 9.0, 0.0)[2]:.2f}"
+    medial = f"{_BONE.places(0.0, -41.0, 0.0)[2]:.2f}"
     lines = [
         "[boundary]",
         'cuts = [{ side = "z+" }, { side = "x-" }' + ("" if half else ', { side = "x+" }') + "]",
