@@ -260,7 +260,7 @@ def varied(monkeypatch):
         height: float | None = None,
         rows: int = 3,
         layers: bool = True,
-        hair: str = "none",
+        hair: str = "2 MPa",
         coarse: bool = False,
         data: str | Path | None = None,
         fine: tuple = (),
@@ -346,14 +346,17 @@ def test_a_setting_that_is_needed(call, monkeypatch):
     assert "own: data is missing; give --data PATH" in error_line(call("demo", "own"))
 
 
-def test_other_settings_never_replace_a_run_unasked(call, tmp_path, varied):
-    """Nor does a scene that cannot be made, even when it is asked to."""
+def test_other_settings_never_replace_a_run_unasked(call, tmp_path, varied, monkeypatch):
+    """Nor does a scene that cannot be written or built, even when it is asked to."""
     assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
     assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
     for words in ("--set voxel=1", "--variant thin", "--coarse"):
         assert "--force" in error_line(call("demo", "varied", "-o", "out", *words.split()))
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
     error_line(call("demo", "varied", "-o", "out", "--force", "--set", "voxel=-1"))
+    with monkeypatch.context() as patch:
+        patch.setattr(Scene, "build", lambda self: (_ for _ in ()).throw(InputError("no tissue")))
+        assert "no tissue" in error_line(call("demo", "varied", "-o", "out", "--force"))
     assert {path for path in (tmp_path / "out").rglob("*")} == set(before)
     assert all(path.stat().st_mtime_ns == t for path, t in before.items() if path.is_file())
     assert call("demo", "varied", "-o", "out", "--force", "--variant", "thin").exit_code == 0
@@ -373,7 +376,7 @@ def test_examples_show_variants_and_settings(call, varied):
     lines = [line.strip() for line in call("examples", "--list").stdout.splitlines()]
     assert "--variant thin       finer" in lines
     assert "--coarse" in lines and "--data PATH" in lines
-    assert "--set voxel=0.5 height=none rows=3 layers=true hair=none" in lines
+    assert "--set voxel=0.5 height=none rows=3 layers=true hair='2 MPa'" in lines
     found = json.loads(call("examples", "--json").stdout)
     assert found["variants"]["varied"] == {"reference": "", "thin": "finer"}
     assert found["settings"]["varied"]["voxel"]["default"] == 0.5

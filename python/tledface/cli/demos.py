@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import shlex
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -173,8 +174,14 @@ def _details(example: Example) -> list[str]:
         elif key == "data":
             lines.append("--data PATH" + (" (needed)" if setting.needed else ""))
         else:
-            words.append(f"{key}={'?' if setting.needed else str(setting.default).lower()}")
+            words.append(f"{key}={'?' if setting.needed else _word(setting.default)}")
     return [*lines, f"--set {' '.join(words)}"] if words else lines
+
+
+def _word(value: Any) -> str:
+    """A value as the command line takes it."""
+    plain = value is None or isinstance(value, bool)
+    return str(value).lower() if plain else shlex.quote(str(value))
 
 
 @contextmanager

@@ -74,8 +74,8 @@ def write(
         coarse: The half, with voxels half as large again.
         corneum: Thickness of the stratum corneum, mm.
         corneum_modulus: Its Young's modulus, MPa.
-        galea_modulus: That of the galea, MPa. A fifth of the paper's tendon anchors the muscle as
-            well, with half as many steps.
+        galea_modulus: That of the galea, MPa. A fifth of the paper's tendon gives the same folds,
+            and a rise 1 mm less, in half as many steps.
         thickness: Of the skin with all its layers, mm; the muscles stay where they are.
         voxel: Voxel size, mm.
 
