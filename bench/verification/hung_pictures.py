@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 INK = "#2b2626"
 # Skin, subcutis, muscle; the corneum is a line on top.
@@ -42,15 +44,23 @@ def draw_forms(path, runs):
 
 def _draw(path, panels):
     rows = math.ceil(len(panels) / 2)
-    figure = Figure(figsize=(10.0, 2.0 * rows), dpi=110, facecolor="white")
+    high = 2.05 * rows + 0.35
+    figure = Figure(figsize=(10.0, high), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     for place, (run, name) in enumerate(panels):
         axes = figure.add_subplot(rows, 2, place + 1)
         axes.set_axis_off()
         if run is not None:
             _draw_side(axes, run, name)
-    figure.subplots_adjust(left=0.01, right=0.99, top=0.95, bottom=0.01, hspace=0.22, wspace=0.04)
-    figure.savefig(path, format="png", bbox_inches="tight")
+    figure.subplots_adjust(
+        left=0.01, right=0.99, top=1 - 0.25 / high, bottom=0.35 / high, hspace=0.18, wspace=0.04
+    )
+    names = ("skin", "subcutis", "frontalis")
+    legend = [Patch(color=c, label=n) for c, n in zip(COLOURS.values(), names, strict=True)]
+    legend.insert(0, Line2D([], [], color=INK, lw=1.2, label="stratum corneum"))
+    legend.append(Line2D([], [], color=INK, lw=0.0, marker="v", ms=4, label="crests"))
+    figure.legend(handles=legend, loc="lower center", ncols=5, frameon=False, fontsize=9)
+    figure.savefig(path, format="png")
 
 
 def _draw_side(axes, run, name):
@@ -58,14 +68,20 @@ def _draw_side(axes, run, name):
     quads = np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[1:, 1:], nodes[:-1, 1:]], axis=2)
     for tissue, colour in COLOURS.items():
         part = quads[np.isin(run.tissue, (0, 1) if tissue == 1 else (tissue,))]
-        axes.add_collection(PolyCollection(part, facecolors=colour, edgecolors=INK, lw=0.1))
+        axes.add_collection(PolyCollection(part, facecolors=colour, lw=0.0, antialiased=False))
+    # Lines that were straight and a millimetre apart.
+    every = round(1.0 / run.voxel)
+    for line in (*nodes[::every], *nodes[:, ::every].swapaxes(0, 1)):
+        axes.plot(line[:, 0], line[:, 1], color=INK, lw=0.3)
     top, wall = nodes[:, -1], nodes[0, -1, 1]
     axes.plot(top[:, 0], top[:, 1], color=INK, lw=1.2)
     axes.plot([0.0, 0.0], [-0.3, wall + 0.3], color=INK, lw=3.0)
     if run.folds > 1:
         axes.plot(run.crests[:, 0] * 1e3, wall + run.crests[:, 1] * 1e3 + 0.4, "v", color=INK, ms=3)
+    axes.plot([25.0, 30.0], [9.6, 9.6], color=INK, lw=1.2)
+    axes.text(27.5, 9.75, "5 mm", ha="center", va="bottom", fontsize=8, color=INK)
     axes.set_xlim(-0.5, 30.2)
-    axes.set_ylim(-0.4, 10.2)
+    axes.set_ylim(-0.4, 10.6)
     axes.set_aspect("equal")
     said = "no wrinkles"
     if run.folds > 1:

@@ -19,8 +19,8 @@ class Run:
     """A block at the end of its run; lengths in m.
 
     ``moved``: how far from there the equilibrium is that `relax` finds (NaN: not asked for).
-    ``places`` (nx + 1, nz + 1, 2), ``tissue`` (nx, nz): the nodes of the middle plane, deformed, and
-    what most of each voxel there is. ``crests``, ``troughs``: as `hung_block.BlockFolds` has them.
+    ``places`` (nx + 1, nz + 1, 2), ``tissue`` (nx, nz): the nodes of the middle plane, deformed,
+    and what most of each voxel there is. ``crests``, ``troughs``: as `hung_block.BlockFolds`.
     """
 
     scenario: str

@@ -4,7 +4,7 @@
 with the Mooney-Rivlin constants of the paper's Table I and its active stress (eq. 3 and 4, Table
 II). The wall at x = 0 is held, the bottom slides in its plane, the other sides are free. The paper
 solves for equilibrium at a level of calcium; here calcium rises over 50 ms under damping near the
-critical one, then rests for 20 ms, which leaves the block within 0.02 mm of equilibrium.
+critical one, then rests for 20 ms, which leaves the block within 0.1 mm of equilibrium.
 """
 
 from __future__ import annotations
