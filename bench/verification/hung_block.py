@@ -1,4 +1,4 @@
-"""Run Hung's block in all its forms; write JSON, a Markdown table and pictures beside this file.
+"""Run Hung's block in all its forms; write JSON and a Markdown table, and the docs' pictures.
 
     python bench/verification/hung_block.py [--states DIR] [--voxel 0.5] [--bending blended] [-o O]
 
@@ -118,6 +118,7 @@ def main():
     parser.add_argument("--voxel", type=float, choices=VOXELS, nargs="*", default=VOXELS)
     parser.add_argument("--bending", choices=BENDINGS, nargs="*", default=BENDINGS)
     parser.add_argument("-o", "--output", type=Path, default=HERE / "results")
+    parser.add_argument("--pictures", type=Path, default=HERE.parents[1] / "docs" / "images")
     options = parser.parse_args()
     options.states.mkdir(parents=True, exist_ok=True)
     options.output.mkdir(parents=True, exist_ok=True)
@@ -133,8 +134,8 @@ def main():
     file.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
     page = table(runs) + "\n" + text
     (options.output / "hung_block.md").write_text(page, encoding="utf-8")
-    draw_scenarios(options.output / "hung_block_scenarios.png", runs)
-    draw_forms(options.output / "hung_block_forms.png", runs)
+    draw_scenarios(options.pictures / "hung-block.png", runs)
+    draw_forms(options.pictures / "hung-block-forms.png", runs)
     print(page)
     print(f"{len(runs)} runs, {len(missed)} trends that do not hold {missed or ''}")
     return 1 if missed else 0
