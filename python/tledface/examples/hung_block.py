@@ -68,7 +68,7 @@ _MUSCLE = {"c10": 10.0, "c20": 10.0, "c30": 6.67}
 _CORNEUM = 1000.0
 _DENSITY = 1100.0  # kg/m3
 # The corneum is as much heavier, so that it sets the time step less (at rest mass is nothing): at
-# 0.5 mm the step is 3.4 times as long and the block weighs twice as much.
+# 0.5 mm the step is 3.6 times as long and the block weighs twice as much.
 _CORNEUM_DENSITY = 400.0
 _RISE, _REST = 50.0, 20.0  # ms
 # The slowest motion, the block's length against its wall, has a period of some 16 ms.
