@@ -18,6 +18,7 @@ import numpy as np
 
 from tledface import _core
 from tledface import device as device_module
+from tledface.bench_face import measure_sliding
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -239,24 +240,27 @@ def main(*, device: Any = "auto", json: bool = False, quiet: bool = False) -> di
     The object is that of the default form, with the other's under ``"joldes"``; the same block as a
     conforming mesh, whose elements are stored and gathered, under ``"conforming"``, and its time
     over the voxels' as ``voxels_save``; what `measure_laws` gives for two and four laws under
-    ``"sorting"``.
+    ``"sorting"``; a face with sliding nodes under ``"face"``, see `bench_face`.
     """
     model = flat_block()
     physical, joldes = (measure(model, device, hourglass=form) for form in ("physical", "joldes"))
     conforming = measure(model.as_hexahedra(), device)
     sorting = [measure_laws(laws, device) for laws in (2, 4)]
+    face = measure_sliding(device)
     result = {
         **physical,
         "joldes": joldes,
         "conforming": conforming,
         "voxels_save": conforming["ms_per_step"] / physical["ms_per_step"],
         "sorting": sorting,
+        "face": face,
     }
     if json:
         print(json_module.dumps(result, indent=1))
     elif not quiet:
         print(_table([physical, joldes, conforming]))
         print(_law_table(sorting))
+        print(_face_table(face))
     return result
 
 
@@ -286,3 +290,11 @@ def _law_table(results: list[dict[str, Any]]) -> str:
         for r in results
     ]
     return "\n".join(lines)
+
+
+def _face_table(face: dict[str, Any]) -> str:
+    return (
+        f"\nface, {face['elements']:,} elements, {face['nodes']:,} nodes, "
+        f"{face['sliding_nodes']:,} sliding: {face['ms_per_step']:.2f} ms/step, "
+        f"{face['sliding_share']:.0%} of it for sliding"
+    )

@@ -33,7 +33,7 @@ def start(*words):
 
 
 def finish(process):
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=900)
     assert process.returncode == 0, err
     return out, err
 
@@ -123,7 +123,7 @@ def kill_and_resume(whole, folder, rng):
         if kills < 2:
             time.sleep(rng.uniform(0.0, longest))
             process.kill()
-        _, err = process.communicate(timeout=120)
+        _, err = process.communicate(timeout=900)
         if process.returncode == 0:
             return kills
         assert process.returncode == -signal.SIGKILL, err
