@@ -5,7 +5,7 @@
 // 1. While the closest point is on one face the surface is that face's plane, while it is on one edge
 //    or corner the surface is that line or point. The region of places for which that is known to hold
 //    is a ball about the place where level 2 was last run, less what lies past some borders. It is
-//    looked at only when the node's ways since add up to what was left to its nearest side.
+//    looked at only when the node is as far from where it was then as its nearest side was.
 // 2. Past it, the exact closest point (face, edge or vertex; side by angle-weighted pseudonormals,
 //    Baerentzen & Aanaes 2005) among the node's own candidates: with d_1 the nearest distance and d_k
 //    the nearest of a triangle that is none, no other can be closest within (d_k - d_1)/2.
@@ -525,7 +525,7 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
     border[3 * TLED_LANES] = inner(out, u) + within;
     slack = within < slack ? within : slack;
   }
-  const real values[SLIDE_ROWS] = {slack, n.x, n.y, n.z,
+  const real values[SLIDE_ROWS] = {u.x, u.y, u.z, slack, n.x, n.y, n.z,
                                   round != R(0.0) ? keep : keep + inner(n, to),
                                   round, to.x, to.y, to.z};
   for (int k = 0; k < SLIDE_ROWS; ++k) rows[k * TLED_LANES] = values[k];
@@ -614,16 +614,19 @@ INLINE realv left_in_regions(const SlideRow* row, Points u) {
   return left;
 }
 
-// The rest of level 1, and levels 2 and 3: afterwards the row's surfaces are those of the places
-// `seen` of u. way: at least what its nodes went since they were last here.
-INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen, realv way,
+// Levels 1 to 3: afterwards the row's surfaces are those of the places `seen` of u.
+INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
                           __global const real* u) {
   __global real* lanes = row->rows + row->first;
-  const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES) - way;
-  store_lanes(slack, lanes + SLIDE_SLACK * TLED_LANES);
-  if (all_below(-slack, broadcast(R(0.0)))) return;
+  const Points last = lanes_of(lanes + SLIDE_SEEN * TLED_LANES);
+  const Points way = {seen.x - last.x, seen.y - last.y, seen.z - last.z};
+  const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES);
+  if (all_below(lanes_inner(way, way), slack * slack)) return;
   const realv left = left_in_regions(row, seen);
-  store_lanes(left, lanes + SLIDE_SLACK * TLED_LANES);
+  store_lanes(seen.x, lanes + SLIDE_SEEN * TLED_LANES);
+  store_lanes(seen.y, lanes + (SLIDE_SEEN + 1) * TLED_LANES);
+  store_lanes(seen.z, lanes + (SLIDE_SEEN + 2) * TLED_LANES);
+  store_lanes(left > R(0.0) ? left : broadcast(R(0.0)), lanes + SLIDE_SLACK * TLED_LANES);
   if (all_below(-left, broadcast(R(0.0)))) return;
   int round = 0;
   for (int lane = row->first; lane < row->last; ++lane) {
@@ -698,8 +701,8 @@ INLINE realv released(realv off, __global const real* region, __global const rea
 
 // Work-item: a row of TLED_LANES sliding nodes from `first_row` on, or one node where rows are no
 // vectors. Moves them to their distance in u_next. pose_column: of the step table; -1: surfaces that
-// stand still. has_laws: slide_laws is there. task, bits: 1 the nodes may be anywhere since the last
-// launch; 2 the ways back are to be kept, for reactions.
+// stand still. has_laws: slide_laws is there. keep_ways: whether the ways back are to be kept, for
+// reactions.
 __kernel void slide_nodes(__global real* restrict u_next, __global const real* restrict u_now,
                           __global real* restrict slide_rows,
                           __global real* restrict slide_regions, __global int* restrict slide_ints,
@@ -712,7 +715,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
                           __global const int* restrict cell_triangles,
                           __global const real* restrict step_table, int n_items, int first_row,
                           int has_laws, int pose_column, int step_reals, int step_index,
-                          int task) {
+                          int keep_ways) {
   const int item = (int)get_global_id(0);
   if (item >= n_items) return;
 #if TLED_VECTOR_ROWS
@@ -737,26 +740,21 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   __global const int* dofs = row.ints + first;
   Points u = lanes_at(u_next, dofs);
   Points seen = lanes_seen(&row, u);
-  // The way in this step as seen from the surface.
-  Points step_way = lanes_at(u_now, dofs);
-  if (row.moves)
-    step_way = lanes_seen_from(row.pose - POSE_REALS, lanes_of(region + REGION_PLACE * TLED_LANES),
-                               step_way);
-  step_way.x = seen.x - step_way.x;
-  step_way.y = seen.y - step_way.y;
-  step_way.z = seen.z - step_way.z;
-  // A little more, for rounding.
-  const realv gone = task & 1 ? broadcast(R(1e30))
-                              : R(1.001) * square_root(lanes_inner(step_way, step_way));
-  find_surfaces(&row, &surfaces, seen, gone, u_next);
+  find_surfaces(&row, &surfaces, seen, u_next);
   WayBack way = way_back(&row, seen);
   if (has_laws) {
     __global const real* laws = slide_laws + node * SLIDE_LAWS + first;
     const Points may = lanes_of(laws + SLIDE_MAY * TLED_LANES);
     const realv coefficient = load_lanes(laws + SLIDE_FRICTION * TLED_LANES);
     if (!all_below(coefficient, broadcast(R(1e-30)))) {
-      // Of the way in this step the part along the surface.
-      Points rubbed = step_way;
+      // The way in this step as seen from the surface, and of it the part along the surface.
+      Points rubbed = lanes_at(u_now, dofs);
+      if (row.moves)
+        rubbed = lanes_seen_from(row.pose - POSE_REALS,
+                                 lanes_of(region + REGION_PLACE * TLED_LANES), rubbed);
+      rubbed.x = seen.x - rubbed.x;
+      rubbed.y = seen.y - rubbed.y;
+      rubbed.z = seen.z - rubbed.z;
       const realv steep = lanes_inner(rubbed, way.normal);
       rubbed.x -= steep * way.normal.x;
       rubbed.y -= steep * way.normal.y;
@@ -774,7 +772,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
       scatter_lanes(u.y, u_next + TLED_LANES, dofs);
       scatter_lanes(u.z, u_next + 2 * TLED_LANES, dofs);
       seen = lanes_seen(&row, u);
-      find_surfaces(&row, &surfaces, seen, R(1.001) * share * length, u_next);
+      find_surfaces(&row, &surfaces, seen, u_next);
       way = way_back(&row, seen);
     }
     way.off = released(way.off, region, laws);
@@ -791,10 +789,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   scatter_lanes(u.x + way.off * way.back.x, u_next, dofs);
   scatter_lanes(u.y + way.off * way.back.y, u_next + TLED_LANES, dofs);
   scatter_lanes(u.z + way.off * way.back.z, u_next + 2 * TLED_LANES, dofs);
-  store_lanes(load_lanes(lanes + SLIDE_SLACK * TLED_LANES) - R(1.001) * absolute(way.off) *
-                  square_root(lanes_inner(way.back, way.back)),
-              lanes + SLIDE_SLACK * TLED_LANES);
-  if (task & 2) {
+  if (keep_ways) {
     store_lanes(way.back.x, region + REGION_ALONG * TLED_LANES);
     store_lanes(way.back.y, region + (REGION_ALONG + 1) * TLED_LANES);
     store_lanes(way.back.z, region + (REGION_ALONG + 2) * TLED_LANES);

@@ -3,12 +3,13 @@
 // Rows of lanes: slide_rows[(row of nodes * SLIDE_ROWS + row) * TLED_LANES + lane], what every step
 // reads, and slide_regions, likewise, the rest. Displacements are those seen from the surface
 // (sliding.cl).
-#define SLIDE_ROWS 9
-#define SLIDE_SLACK 0     // way that may still be gone before the region has to be looked at, m
-#define SLIDE_NORMAL 1    // 3: unit normal of the plane; of an edge its direction, of a corner 0
-#define SLIDE_TARGET 4    // plane: normal . u at the distance to keep, m; edge, corner: that distance
-#define SLIDE_ROUND 5     // 0 plane; edge, corner: 1 before the surface, -1 behind
-#define SLIDE_ON 6        // 3: edge, corner: a point of it less the reference position, m
+#define SLIDE_ROWS 12
+#define SLIDE_SEEN 0      // 3: displacement when the region was last looked at, m
+#define SLIDE_SLACK 3     // distance from there to the region's nearest side, m; 0: to be looked at
+#define SLIDE_NORMAL 4    // 3: unit normal of the plane; of an edge its direction, of a corner 0
+#define SLIDE_TARGET 7    // plane: normal . u at the distance to keep, m; edge, corner: that distance
+#define SLIDE_ROUND 8     // 0 plane; edge, corner: 1 before the surface, -1 behind
+#define SLIDE_ON 9        // 3: edge, corner: a point of it less the reference position, m
 
 #define REGION_ROWS 28
 #define REGION_ALONG 0    // 3: way back for each metre off the distance: the normal where all may move

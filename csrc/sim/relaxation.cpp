@@ -60,7 +60,6 @@ void Simulator::set_prescribed(const std::vector<double>& values,
   for (std::size_t i = 0; i < given.prescribed_dofs.size(); ++i)
     u[given.prescribed_dofs[i]] = values[given.prescribed_channels[i]];
   for (std::size_t i = 0; i < fields.size(); ++i) u[given.field_dofs[i]] = fields[i];
-  if (sliding_) sliding_->forget();
   const auto slots = nodes_to_slots(arrays_, u);
   // Free components keep what they have, velocity included.
   auto before = slots_to_nodes(arrays_, read_slots(*u_[1 - now_]));
@@ -221,7 +220,6 @@ std::unique_ptr<Simulator> Simulator::in_double() {
 }
 
 void Simulator::take_state(Simulator& other) {
-  if (sliding_) sliding_->forget();
   const auto slots = nodes_to_slots(arrays_, other.displacement());
   for (auto& buffer : u_) write_reals(*buffer, slots);
   const auto past = other.history();

@@ -13,7 +13,7 @@ namespace {
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
 // Where the kernel takes the index of the step in the table.
-constexpr unsigned kStepIndex = 19, kTask = 20;
+constexpr unsigned kStepIndex = 19, kKeepWays = 20;
 
 std::unique_ptr<Buffer> upload(Device& device, const std::vector<double>& values,
                                Precision precision) {
@@ -213,10 +213,9 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& step_table, std::i
 void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   for (Group& group : groups_) {
     group.kernel[next]->set_arg(kStepIndex, step_index);
-    group.kernel[next]->set_arg(kTask, std::int32_t(moved_ ? 1 : 0) | (keep_normals ? 2 : 0));
+    group.kernel[next]->set_arg(kKeepWays, std::int32_t(keep_normals));
     group.kernel[next]->enqueue(group.n_items, kGroup);
   }
-  moved_ = false;
 }
 
 std::vector<double> Sliding::read_regions() const {

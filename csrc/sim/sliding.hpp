@@ -43,8 +43,6 @@ class Sliding {
   void bind(const Buffer* const (&u)[2], const Buffer& step_table, std::int32_t step_reals);
   // keep_normals: for normals().
   void enqueue(int next, std::int32_t step_index, bool keep_normals);
-  // Nodes were put elsewhere but by steps.
-  void forget() { moved_ = true; }
   // Unit normals of the surfaces at the nodes when normals were last kept, 3 a node in the order
   // given, zero in held components: where their reactions point.
   std::vector<double> normals() const;
@@ -66,7 +64,7 @@ class Sliding {
   Precision precision_;
   std::size_t bytes_ = 0, n_nodes_, n_rows_ = 0, n_moving_;
   int lanes_;
-  bool has_laws_, moved_ = true;
+  bool has_laws_;
   std::array<int, 3> order_;
   Vec3 centre_;
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
