@@ -17,6 +17,9 @@ typedef float real;
 #endif
 #define R(x) ((real)(x))
 
+// A line of memory that will be written soon: known to the native kernels only.
+INLINE void prefetch_line(__global const real* p) { (void)p; }
+
 #if !TLED_VECTOR_ROWS
 
 typedef real realv;

@@ -17,6 +17,8 @@
 
 // Places farther than this from the middle of the nodes are lost, m.
 #define LOST R(1e3)
+// Rows between one and the one whose nodes are fetched meanwhile.
+#define AHEAD 3
 // Share of a coordinate that rounding is worth, twice over.
 #if TLED_DOUBLE
 #define FLAT R(4e-16)
@@ -479,20 +481,27 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
     if (hold >= region.ball) continue;
     if (best.feature == 0) {
       const Point up = times(side, normal);
-      const Point facing = times(side, point_at(other + TRIANGLE_NORMAL)), tilt = minus(facing, up);
-      const real slope = square_root_of(inner(tilt, tilt));
-      // How much higher the node is over the other's plane than over this one.
-      real lead = inner(facing, minus(p, point_at(other))) - inner(up, minus(p, first));
-      real turn = R(1.0);
+      const Point off = minus(p, closest_on_triangle(other, p).at);
+      // The plane at the other's closest point, across the way to it, has the other behind it: while
+      // the node is higher over that plane than over this triangle's.
+      Point tilt = minus(there > R(0.0) ? times(R(1.0) / there, off) : up, up);
+      real slope = square_root_of(inner(tilt, tilt)), lead = there - distance;
       if (height_over(other, triangle, up, first) <= flat) {
         // Behind this one's plane: never nearer than that, as long as the node stays before it, or
         // is less deep behind this one's plane than behind the other's.
+        const Point facing = times(side, point_at(other + TRIANGLE_NORMAL)), turn = minus(up, facing);
+        const real ahead = inner(up, minus(p, first)) - inner(facing, minus(p, point_at(other)));
+        const real bend = square_root_of(inner(turn, turn));
         hold = distance > hold ? distance : hold;
-        lead = -lead;
-        turn = R(-1.0);
+        if (bend > R(1e-3) && ahead * slope > lead * bend) {
+          tilt = turn;
+          slope = bend;
+          lead = ahead;
+        }
       }
-      if (slope > R(1e-3) && lead > hold * slope) {
-        hold_before(&region, lead / slope, times(-turn / slope, tilt));
+      slope = slope > R(1e-6) ? slope : R(1e-6);
+      if (lead > hold * slope) {
+        hold_before(&region, lead / slope, times(R(-1.0) / slope, tilt));
         continue;
       }
     } else if (best.feature < 4 && n_beside == 2 && round > R(0.0)) {
@@ -738,6 +747,18 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   __global real* lanes = row.rows + first;
   __global real* region = row.regions + first;
   __global const int* dofs = row.ints + first;
+#if TLED_VECTOR_ROWS
+  // Nodes of a row lie scattered: those of one to come are on their way meanwhile.
+  if (item + AHEAD < n_items) {
+    __global const int* ahead = dofs + AHEAD * SLIDE_INTS * TLED_LANES;
+    for (int k = 0; k < SLIDE_ROWS; k += 2)
+      prefetch_line(lanes + (AHEAD * SLIDE_ROWS + k) * TLED_LANES);
+    for (int lane = 0; lane < TLED_LANES; lane += 2) {
+      prefetch_line(u_next + ahead[lane]);
+      prefetch_line(u_next + ahead[lane] + 2 * TLED_LANES);
+    }
+  }
+#endif
   Points u = lanes_at(u_next, dofs);
   Points seen = lanes_seen(&row, u);
   find_surfaces(&row, &surfaces, seen, u_next);

@@ -40,6 +40,7 @@ inline realv gather_lanes(const real* p, const int* at) {
 inline void scatter_lanes(realv v, real* p, const int* at) {
   for (int lane = 0; lane < TLED_LANES; ++lane) p[at[lane]] = v[lane];
 }
+inline void prefetch_line(const real* p) { __builtin_prefetch(p, 1); }
 inline int all_below(realv a, realv b) {
   const auto below = a < b;
   int all = 1;
