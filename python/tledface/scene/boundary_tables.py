@@ -110,6 +110,7 @@ class SlidingSpec(Table):
     )
     boxes: OpenBoxes = Field(default=[], description="only nodes in one of these boxes")
     excluded: OpenBoxes = Field(default=[], description="no nodes in these boxes")
+    held: bool = Field(default=False, description="these nodes are held instead of sliding")
 
 
 def _list_schema(schema: dict[str, Any]) -> None:
