@@ -12,7 +12,7 @@ __all__ = ["TOP", "Choices", "scene_text"]
 TOP, _BOTTOM, _SIDE, _TEMPLE = 1622.0, 1534.0, 58.0, 44.0
 # mm of tissue kept under the skin, and under the skin below the orbital rim, without more fat.
 _DEPTH, _DEPTH_BELOW_RIM = 5.6, 4.7
-_RAMP = "30 ms"
+_RAMP, _STEP = "30 ms", "4 us"
 _LEVEL = 0.75
 
 _LAYERS = (
@@ -28,7 +28,7 @@ class Choices:
     """What `forehead.write` was asked for; lengths in mm, moduli and stresses as text."""
 
     half: bool
-    voxel: float
+    voxel: tuple[float, float, float]
     fat: float
     animation: str
     single_layer: bool
@@ -58,7 +58,7 @@ skin = {_quoted(files["skin"])}
 bones = [
   {listed},
 ]
-voxel = {choices.voxel:g}
+voxel = [{", ".join(f"{edge:g}" for edge in choices.voxel)}]
 region = [[{-_SIDE:g}, -210, {_BOTTOM:g}], [{left:g}, -128, {TOP:g}]]
 # Not the cuts that close the skin below and behind.
 outer = [[[-100, -220, 1511], [100, -73, 1720]]]
@@ -183,7 +183,8 @@ def _solver() -> str:
 duration = "{_RAMP}"
 dt = "auto"
 damping = "200 1/s"
-mass_scaling = 10
+# Only what does not allow this step is made heavier.
+mass_scaling = {{ dt = "{_STEP}" }}
 
 [output]
 fps = 400

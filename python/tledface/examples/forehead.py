@@ -47,7 +47,8 @@ ABOUT_VARIANTS: dict[str, str] = {
 }
 
 _ANIMATIONS = ("raise", "frown")
-_VOXEL, _COARSE_VOXEL = 0.5, 0.75
+# mm. Folds run across the forehead, so a coarse voxel may be long that way.
+_VOXEL, _COARSE_VOXEL = 0.5, (1.0, 0.6, 0.6)
 
 
 def write(
@@ -74,7 +75,7 @@ def write(
         data: Folder of the BodyParts3D 3.0 atlas (files by FMA id); None: made from formulas.
         half: The right half only, with a plane of symmetry.
         coarse: The half in larger voxels, to be seen within a minute.
-        voxel: Voxel size, mm; None: 0.5, or 0.75 for ``coarse``.
+        voxel: Voxel size, mm; None: 0.5, or 1 x 0.6 x 0.6 for ``coarse``.
         fat: Fat over the muscles beyond the least, mm: the skin lies this much further out.
         animation: ``"raise"`` (frontalis) or ``"frown"`` (procerus and corrugators).
         single_layer: One skin material instead of three: no folds form.
@@ -91,9 +92,10 @@ def write(
     Raises:
         InputError: a value out of range, no such atlas, the folder cannot be made.
     """
+    edges = _COARSE_VOXEL if coarse and voxel is None else (_VOXEL if voxel is None else voxel,) * 3
     choices = Choices(
         half=half or coarse,
-        voxel=(_COARSE_VOXEL if coarse else _VOXEL) if voxel is None else voxel,
+        voxel=edges,
         fat=fat,
         animation=animation,
         single_layer=single_layer,
@@ -128,8 +130,8 @@ def write(
 
 
 def _check(choices: Choices) -> None:
-    if not (math.isfinite(choices.voxel) and choices.voxel > 0.0):
-        raise InputError(f"forehead voxel: got {choices.voxel}, allowed is a length above 0 mm")
+    if not all(math.isfinite(edge) and edge > 0.0 for edge in choices.voxel):
+        raise InputError(f"forehead voxel: got {choices.voxel[0]}, allowed is a length above 0 mm")
     if not -1.0 <= choices.fat <= 6.0:
         raise InputError(f"forehead fat: got {choices.fat}, allowed is -1 to 6 mm")
     if choices.animation not in _ANIMATIONS:
