@@ -1,9 +1,10 @@
 // Nodes that slide on triangle surfaces at a fixed distance, without friction (Warburton & Maddock
 // 2014, section 5.4): after each step a node is put back along the normal of its closest point. Three
-// levels, so that nearly every node costs a plane:
+// levels, so that nearly every node costs a few multiplications:
 //
-// 1. While the closest point is inside one triangle the surface is that triangle's plane. `SLIDE_RADIUS`
-//    is how far the node may move until that may end.
+// 1. While the closest point is on one face the surface is that face's plane, while it is on one edge
+//    or corner the surface is that line or point. The region of places for which that is known to hold
+//    is a ball about the place where level 2 was last run, less what lies past one border.
 // 2. Past it, the exact closest point (face, edge or vertex; side by angle-weighted pseudonormals,
 //    Baerentzen & Aanaes 2005) among the node's own candidates: with d_1 the nearest distance and d_k
 //    the nearest of a triangle that is none, no other can be closest within (d_k - d_1)/2.
@@ -170,17 +171,43 @@ OUT_OF_LINE real nearest_in_grid(const SlideSurfaces* s, int surface, Point p, i
   return best;
 }
 
-// Level 3: the nearest triangles, as many as there is room for, and how far they hold.
+// Whether no place of a cell is nearer than `limit` to p. Cells at the grid's rim reach no farther:
+// triangles do not either.
+INLINE int cell_is_beyond(__global const real* low, int x, int y, int z, Point p, real limit) {
+  const real edge = low[3], middle = R(0.5) * edge;
+  real dx = p.x - (low[0] + edge * (real)x + middle), dy = p.y - (low[1] + edge * (real)y + middle),
+       dz = p.z - (low[2] + edge * (real)z + middle);
+  // A little more than half, for rounding.
+  const real reach = R(0.5001) * edge;
+  dx = (dx < R(0.0) ? -dx : dx) - reach;
+  dy = (dy < R(0.0) ? -dy : dy) - reach;
+  dz = (dz < R(0.0) ? -dz : dz) - reach;
+  real square = dx > R(0.0) ? dx * dx : R(0.0);
+  square += dy > R(0.0) ? dy * dy : R(0.0);
+  square += dz > R(0.0) ? dz * dz : R(0.0);
+  return square > limit * limit;
+}
+
+// Level 3: the nearest triangles by their distances, as many as there is room for, and how far they
+// hold. Those of the last time, if any, tell how far to look.
 OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
                                  __global int* candidates, __global real* reals) {
   __global const int* grid = s->grids + surface * GRID_INTS;
   __global const real* low = s->grid_reals + surface * GRID_REALS;
   const real edge = low[3];
+  real first = R(-1.0);
+  for (int k = 0; k < candidates[0]; ++k) {
+    const real square =
+        closest_on_triangle(s->triangles + (long)candidates[1 + k] * TRIANGLE_REALS, p).square;
+    first = first < R(0.0) || square < first ? square : first;
+  }
   int nearest;
-  const real first = square_root_of(nearest_in_grid(s, surface, p, &nearest));
+  if (first < R(0.0)) first = nearest_in_grid(s, surface, p, &nearest);
+  int ids[SLIDE_MOST];
   real kept[SLIDE_MOST];
   int count = 0;
-  real limit = first + edge;  // triangles from here on may be missing
+  // Triangles from here on may be missing.
+  real limit = R(1.0001) * square_root_of(first) + edge;
   const real reach = limit;
   const int x0 = clamped_cell(p.x - reach, low[0], edge, grid[0]),
             x1 = clamped_cell(p.x + reach, low[0], edge, grid[0]),
@@ -192,70 +219,139 @@ OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
     for (int y = y0; y <= y1; ++y)
       for (int x = x0; x <= x1; ++x) {
         const int cell = grid[3] + (z * grid[1] + y) * grid[0] + x;
-        for (int i = s->cell_begin[cell]; i < s->cell_begin[cell + 1]; ++i) {
+        const int begin = s->cell_begin[cell], end = s->cell_begin[cell + 1];
+        if (begin == end || cell_is_beyond(low, x, y, z, p, limit)) continue;
+        for (int i = begin; i < end; ++i) {
           const int t = s->cell_triangles[i];
-          const real distance = square_root_of(
-              closest_on_triangle(s->triangles + (long)t * TRIANGLE_REALS, p).square);
-          if (distance >= limit) continue;
-          int known = 0, farthest = 0;
-          for (int k = 0; k < count; ++k) {
-            known |= candidates[1 + k] == t;
-            farthest = kept[k] > kept[farthest] ? k : farthest;
-          }
+          __global const real* triangle = s->triangles + (long)t * TRIANGLE_REALS;
+          const Point off = minus(p, point_at(triangle + TRIANGLE_BALL));
+          const real far = limit + triangle[TRIANGLE_BALL + 3];
+          if (inner(off, off) >= far * far) continue;
+          int known = 0;
+          for (int k = 0; k < count; ++k) known |= ids[k] == t;
           if (known) continue;
-          if (count < SLIDE_MOST) {
-            kept[count] = distance;
-            candidates[1 + count++] = t;
-          } else if (distance < kept[farthest]) {
-            limit = kept[farthest];
-            kept[farthest] = distance;
-            candidates[1 + farthest] = t;
+          const real distance = square_root_of(closest_on_triangle(triangle, p).square);
+          if (distance >= limit) continue;
+          // The farthest goes where there is no room.
+          if (count == SLIDE_MOST) {
+            if (distance >= kept[count - 1]) {
+              limit = distance;
+              continue;
+            }
+            limit = kept[count - 1];
           } else {
-            limit = distance;
+            ++count;
           }
+          int at = count - 1;
+          for (; at > 0 && kept[at - 1] > distance; --at) {
+            kept[at] = kept[at - 1];
+            ids[at] = ids[at - 1];
+          }
+          kept[at] = distance;
+          ids[at] = t;
         }
       }
   candidates[0] = count;
+  for (int k = 0; k < count; ++k) {
+    candidates[1 + k] = ids[k];
+    reals[4 + k] = kept[k];
+  }
   reals[0] = p.x;
   reals[1] = p.y;
   reals[2] = p.z;
   // A little less than half, for rounding.
-  reals[3] = R(0.49) * (limit - first);
+  reals[3] = count ? R(0.49) * (limit - kept[0]) : R(0.0);
 }
 
-// Distance of a point of a triangle's plane from the triangle's nearest side, m.
-INLINE real within_triangle(__global const real* triangle, Point q) {
-  const Point n = point_at(triangle + TRIANGLE_NORMAL);
-  real least = R(1e30);
-  for (int side = 0; side < 3; ++side) {
-    const Point a = point_at(triangle + 3 * side), b = point_at(triangle + 3 * ((side + 1) % 3));
-    const Point along = minus(b, a), off = minus(q, a);
-    const Point inwards = {n.y * along.z - n.z * along.y, n.z * along.x - n.x * along.z,
-                           n.x * along.y - n.y * along.x};
-    const real d = inner(inwards, off) / square_root_of(inner(along, along));
-    least = d < least ? d : least;
-  }
-  return least > R(0.0) ? least : R(0.0);
+// Where a closest point is known to stay on its face, edge or corner: within `ball` of the node, but
+// not past the border `within` from it in the direction `outward`.
+typedef struct {
+  real ball, within;
+  Point outward;
+} Region;
+
+INLINE void hold_within(Region* region, real distance) {
+  region->ball = distance < region->ball ? distance : region->ball;
 }
+// A border: the nearest is kept, the others shrink the ball.
+INLINE void hold_before(Region* region, real distance, Point outward) {
+  if (distance < region->within) {
+    hold_within(region, region->within);
+    region->within = distance;
+    region->outward = outward;
+  } else {
+    hold_within(region, distance);
+  }
+}
+
+INLINE Point times(real s, Point a) {
+  Point b = {s * a.x, s * a.y, s * a.z};
+  return b;
+}
+INLINE Point across(Point a, Point b) {
+  Point c = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+  return c;
+}
+INLINE Point unit_of(Point a) { return times(R(1.0) / square_root_of(inner(a, a)), a); }
+INLINE int same(Point a, Point b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
 INLINE int is_corner(__global const real* triangle, Point v) {
-  int same = 0;
-  for (int corner = 0; corner < 3; ++corner)
-    same |= triangle[3 * corner] == v.x && triangle[3 * corner + 1] == v.y &&
-            triangle[3 * corner + 2] == v.z;
-  return same;
+  return same(point_at(triangle), v) || same(point_at(triangle + 3), v) ||
+         same(point_at(triangle + 6), v);
 }
 
-// Levels 2 and 3 for one node: its plane and how far that holds. rows: of its lane.
-OUT_OF_LINE void find_plane(const SlideSurfaces* s, __global const real* u_next, int dof,
-                            int surface, int free, __global real* rows, __global int* candidates,
-                            __global real* reals) {
-  const Point u = {u_next[dof], u_next[dof + TLED_LANES], u_next[dof + 2 * TLED_LANES]};
+// Height of a triangle's highest corner over a plane, of those that are none of the plane's triangle:
+// the ones both have are on it, whatever the rounding.
+INLINE real height_over(__global const real* other, __global const real* triangle, Point n,
+                        Point on) {
+  real most = R(-1.0);
+  for (int corner = 0; corner < 3; ++corner) {
+    const Point v = point_at(other + 3 * corner);
+    if (is_corner(triangle, v)) continue;
+    const real height = inner(n, minus(v, on));
+    most = height > most ? height : most;
+  }
+  return most;
+}
+
+// The region of a face, without the other triangles: the prism over it.
+INLINE void hold_over_face(Region* region, __global const real* triangle, Point p) {
+  const Point n = point_at(triangle + TRIANGLE_NORMAL);
+  for (int side = 0; side < 3; ++side) {
+    const Point a = point_at(triangle + 3 * side),
+                along = minus(point_at(triangle + 3 * ((side + 1) % 3)), a);
+    // Inwards where the corners run counter-clockwise about n; an axis order may have turned that.
+    Point inwards = unit_of(across(n, along));
+    if (inner(inwards, minus(point_at(triangle + 3 * ((side + 2) % 3)), a)) < R(0.0))
+      inwards = times(R(-1.0), inwards);
+    hold_before(region, inner(inwards, minus(p, a)), times(R(-1.0), inwards));
+  }
+}
+
+// Whether a triangle has both ends of an edge; if so, the direction in its plane from the edge to its
+// third corner.
+INLINE int beside_edge(__global const real* triangle, Point a, Point b, Point along,
+                       Point* inwards) {
+  if (!is_corner(triangle, a) || !is_corner(triangle, b)) return 0;
+  for (int corner = 0; corner < 3; ++corner) {
+    const Point v = point_at(triangle + 3 * corner);
+    if (same(v, a) || same(v, b)) continue;
+    const Point off = minus(v, a);
+    *inwards = unit_of(plus_scaled(off, -inner(off, along), along));
+    return 1;
+  }
+  return 0;
+}
+
+// Levels 2 and 3 for one node at displacement u: its surface and how far that holds. rows: of its
+// lane. The result says whether it is on an edge or corner.
+OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int free,
+                             __global real* rows, __global int* candidates, __global real* reals) {
   const Point X = {rows[SLIDE_PLACE * TLED_LANES], rows[(SLIDE_PLACE + 1) * TLED_LANES],
                    rows[(SLIDE_PLACE + 2) * TLED_LANES]};
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
   // A state that has run away is for the watch to report, not to be sought for.
-  if (!(inner(p, p) < LOST * LOST)) return;
+  if (!(inner(p, p) < LOST * LOST)) return 0;
   Point off = minus(p, point_at(reals));
   real moved = square_root_of(inner(off, off));
   if (!(moved < reals[3])) {
@@ -263,84 +359,154 @@ OUT_OF_LINE void find_plane(const SlideSurfaces* s, __global const real* u_next,
     moved = R(0.0);
   }
   const int count = candidates[0];
+  // A candidate is at least as far as it was, less the way since.
+  real known[SLIDE_MOST];
+  int n_known = 0, face = -1;
   Nearest best;
   best.at = p;
   best.square = R(0.0);
   best.feature = 0;
-  int face = -1;
-  for (int k = 0; k < count; ++k) {
-    const int t = candidates[1 + k];
+  real distance = R(0.0);
+  for (; n_known < count; ++n_known) {
+    // A little farther, for rounding.
+    if (face >= 0 && R(0.9999) * reals[4 + n_known] - moved > distance) break;
+    const int t = candidates[1 + n_known];
     const Nearest n = closest_on_triangle(s->triangles + (long)t * TRIANGLE_REALS, p);
+    known[n_known] = square_root_of(n.square);
     if (face < 0 || n.square < best.square || (n.square == best.square && t < face)) {
       best = n;
       face = t;
+      distance = known[n_known];
     }
   }
-  if (face < 0) return;  // no number is near anything
+  if (face < 0) return 0;  // no number is near anything
   __global const real* triangle = s->triangles + (long)face * TRIANGLE_REALS;
-  const real distance = square_root_of(best.square);
   const Point away = minus(p, best.at);
-  Point n = point_at(triangle + TRIANGLE_NORMAL);
-  real radius = R(0.0);
-  Point on = point_at(triangle);  // a point of the plane that does not depend on p
+  const Point first = point_at(triangle), normal = point_at(triangle + TRIANGLE_NORMAL);
+  const real size = square_root_of(inner(minus(point_at(triangle + 3), first),
+                                         minus(point_at(triangle + 3), first)));
+  // What rounding may lift a corner of a flat neighbour off the plane.
+  const real flat = FLAT * square_root_of(inner(p, p)) + FLAT * size;
+  Region region;
+  region.ball = region.within = reals[3] - moved;
+  region.outward = normal;
+  Point n = normal, on = first, axis = {R(0.0), R(0.0), R(0.0)}, far_end = first;
+  real side, round = R(0.0);
   if (best.feature == 0) {
-    const real side = inner(away, n) < R(0.0) ? R(-1.0) : R(1.0);
-    radius = within_triangle(triangle, best.at);
-    // What rounding may lift a corner of a flat neighbour off the plane.
-    const real flat = FLAT * square_root_of(inner(on, on));
-    const real left = reals[3] - moved;
-    radius = left < radius ? left : radius;
-    for (int k = 0; k < count; ++k) {
-      const int t = candidates[1 + k];
-      if (t == face) continue;
-      __global const real* other = s->triangles + (long)t * TRIANGLE_REALS;
-      const real there = square_root_of(closest_on_triangle(other, p).square);
-      real hold = R(0.49) * (there - distance);
-      // A triangle that lies wholly behind this one's plane is never nearer than the plane itself,
-      // as long as the node stays on its side. Corners that both have are on it, whatever the
-      // rounding.
-      real most = R(-1.0);
-      for (int corner = 0; corner < 3; ++corner) {
-        const Point v = point_at(other + 3 * corner);
-        if (is_corner(triangle, v)) continue;
-        const real height = side * inner(n, minus(v, on));
-        most = height > most ? height : most;
-      }
-      if (most <= flat && distance > hold) hold = distance;
-      radius = hold < radius ? hold : radius;
-    }
-    radius = R(0.98) * radius;
+    side = inner(away, normal) < R(0.0) ? R(-1.0) : R(1.0);
+    hold_over_face(&region, triangle, p);
   } else {
     const Point pseudo =
         point_at(triangle + (best.feature < 4 ? TRIANGLE_EDGES + 3 * (best.feature - 1)
                                               : TRIANGLE_VERTICES + 3 * (best.feature - 4)));
-    const real side = inner(away, pseudo) < R(0.0) ? R(-1.0) : R(1.0);
+    side = inner(away, pseudo) < R(0.0) ? R(-1.0) : R(1.0);
     // Within rounding of the surface the way to it has no direction: the pseudonormal has.
-    if (distance > R(1e-6) * square_root_of(inner(minus(point_at(triangle + 3), on),
-                                                  minus(point_at(triangle + 3), on)))) {
-      n.x = side * away.x / distance;
-      n.y = side * away.y / distance;
-      n.z = side * away.z / distance;
-    } else {
-      n = pseudo;
-    }
+    const int has_way = distance > R(1e-6) * size;
+    n = has_way ? times(side / distance, away) : pseudo;
     on = best.at;
+    // Held components, and no way: a plane for this step alone.
+    if (free == 7 && has_way) {
+      round = side;
+      hold_within(&region, distance);
+      if (best.feature < 4) {
+        on = point_at(triangle + 3 * (best.feature - 1));
+        far_end = point_at(triangle + 3 * (best.feature % 3));
+        // The same end whichever of its two triangles the edge was found by.
+        if (on.x > far_end.x || (on.x == far_end.x && (on.y > far_end.y || (on.y == far_end.y &&
+                                                                           on.z > far_end.z)))) {
+          const Point swap = on;
+          on = far_end;
+          far_end = swap;
+        }
+        const Point along = minus(far_end, on);
+        axis = unit_of(along);
+        const real at = inner(axis, minus(p, on));
+        hold_before(&region, at, times(R(-1.0), axis));
+        hold_before(&region, square_root_of(inner(along, along)) - at, axis);
+      } else {
+        on = point_at(triangle + 3 * (best.feature - 4));
+      }
+    } else {
+      region.ball = R(0.0);
+    }
   }
+  // The triangles beside an edge: what lies behind both is never nearer than the edge.
+  __global const real* beside[2] = {triangle, triangle};
+  int n_beside = 0;
+  if (round != R(0.0))
+    for (int k = 0; k < count; ++k) {
+      __global const real* other = s->triangles + (long)candidates[1 + k] * TRIANGLE_REALS;
+      Point inwards;
+      if (best.feature < 4) {
+        if (!beside_edge(other, on, far_end, axis, &inwards)) continue;
+        hold_before(&region, -inner(inwards, minus(p, on)), inwards);
+        if (n_beside < 2) beside[n_beside] = other;
+        ++n_beside;
+      } else if (is_corner(other, on)) {
+        for (int corner = 0; corner < 3; ++corner) {
+          const Point v = point_at(other + 3 * corner);
+          if (same(v, on)) continue;
+          const Point along = unit_of(minus(v, on));
+          hold_before(&region, -inner(along, minus(p, on)), along);
+        }
+      }
+    }
+  for (int k = 0; k < count && region.ball > R(0.0); ++k) {
+    const int t = candidates[1 + k];
+    __global const real* other = s->triangles + (long)t * TRIANGLE_REALS;
+    if (best.feature == 0 ? t == face : best.feature < 4 ? n_beside && (other == beside[0] || other == beside[1])
+                                                         : is_corner(other, on))
+      continue;
+    const real least = R(0.9999) * reals[4 + k] - moved;
+    if (k >= n_known && R(0.49) * (least - distance) >= region.ball) break;
+    const real there = k < n_known ? known[k] : square_root_of(closest_on_triangle(other, p).square);
+    real hold = R(0.49) * (there - distance);
+    if (hold >= region.ball) continue;
+    if (best.feature == 0) {
+      const Point up = times(side, normal);
+      const Point facing = times(side, point_at(other + TRIANGLE_NORMAL)), tilt = minus(facing, up);
+      const real slope = square_root_of(inner(tilt, tilt));
+      // How much higher the node is over the other's plane than over this one.
+      real lead = inner(facing, minus(p, point_at(other))) - inner(up, minus(p, first));
+      real turn = R(1.0);
+      if (height_over(other, triangle, up, first) <= flat) {
+        // Behind this one's plane: never nearer than that, as long as the node stays before it, or
+        // is less deep behind this one's plane than behind the other's.
+        hold = distance > hold ? distance : hold;
+        lead = -lead;
+        turn = R(-1.0);
+      }
+      if (slope > R(1e-3) && lead > hold * slope) {
+        hold_before(&region, lead / slope, times(-turn / slope, tilt));
+        continue;
+      }
+    } else if (best.feature < 4 && n_beside == 2 && round > R(0.0)) {
+      const Point n0 = point_at(beside[0] + TRIANGLE_NORMAL),
+                  n1 = point_at(beside[1] + TRIANGLE_NORMAL);
+      if (height_over(other, beside[0], n0, on) <= flat && height_over(other, beside[1], n1, on) <= flat)
+        hold = distance > hold ? distance : hold;
+    }
+    hold_within(&region, hold);
+  }
+  // A little less, for rounding.
+  real radius = R(0.98) * region.ball - flat;
+  radius = radius > R(0.0) ? radius : R(0.0);
+  const real border = R(0.98) * region.within - flat;
   // The way back in the components that may move.
   Point along = {free & 1 ? n.x : R(0.0), free & 2 ? n.y : R(0.0), free & 4 ? n.z : R(0.0)};
   const real share = inner(along, n);
-  const real scale = free == 7 ? R(1.0) : share > R(0.01) ? R(1.0) / share : R(0.0);
-  rows[SLIDE_ANCHOR * TLED_LANES] = u.x;
-  rows[(SLIDE_ANCHOR + 1) * TLED_LANES] = u.y;
-  rows[(SLIDE_ANCHOR + 2) * TLED_LANES] = u.z;
-  rows[SLIDE_RADIUS * TLED_LANES] = radius * radius;
-  rows[SLIDE_NORMAL * TLED_LANES] = n.x;
-  rows[(SLIDE_NORMAL + 1) * TLED_LANES] = n.y;
-  rows[(SLIDE_NORMAL + 2) * TLED_LANES] = n.z;
-  rows[SLIDE_ALONG * TLED_LANES] = scale * along.x;
-  rows[(SLIDE_ALONG + 1) * TLED_LANES] = scale * along.y;
-  rows[(SLIDE_ALONG + 2) * TLED_LANES] = scale * along.z;
-  rows[SLIDE_OFFSET * TLED_LANES] = inner(n, minus(on, X));
+  along = times(free == 7 ? R(1.0) : share > R(0.01) ? R(1.0) / share : R(0.0), along);
+  if (round != R(0.0)) n = axis;
+  const Point to = minus(on, X);
+  const real keep = rows[SLIDE_DISTANCE * TLED_LANES];
+  const real values[SLIDE_DISTANCE] = {
+      u.x,     u.y,     u.z,     radius * radius,
+      region.outward.x, region.outward.y, region.outward.z, inner(region.outward, u) + border,
+      n.x,     n.y,     n.z,     round != R(0.0) ? keep : keep + inner(n, to),
+      round,   to.x,    to.y,    to.z,
+      along.x, along.y, along.z};
+  for (int k = 0; k < SLIDE_DISTANCE; ++k) rows[k * TLED_LANES] = values[k];
+  return round != R(0.0);
 }
 
 INLINE realv squared_way(realv x, realv y, realv z, __global const real* rows) {
@@ -349,12 +515,15 @@ INLINE realv squared_way(realv x, realv y, realv z, __global const real* rows) {
               dz = z - load_lanes(rows + (SLIDE_ANCHOR + 2) * TLED_LANES);
   return dx * dx + dy * dy + dz * dz;
 }
+INLINE realv along_rows(realv x, realv y, realv z, __global const real* rows) {
+  return load_lanes(rows) * x + load_lanes(rows + TLED_LANES) * y +
+         load_lanes(rows + 2 * TLED_LANES) * z;
+}
 
 // Work-item: a row of TLED_LANES sliding nodes, or one where rows are no vectors. Moves them to their
 // distance in u_next.
 __kernel void slide_nodes(__global real* restrict u_next, __global real* restrict slide_rows,
-                          __global const int* restrict slide_ints,
-                          __global int* restrict candidates,
+                          __global int* restrict slide_ints, __global int* restrict candidates,
                           __global real* restrict candidate_reals,
                           __global const real* restrict triangles, __global const int* restrict grids,
                           __global const real* restrict grid_reals,
@@ -368,36 +537,71 @@ __kernel void slide_nodes(__global real* restrict u_next, __global real* restric
   const int row = item / TLED_LANES, first = item % TLED_LANES, last = first + 1;
 #endif
   __global real* own = slide_rows + (long)row * (SLIDE_ROWS * TLED_LANES);
-  __global const int* ints = slide_ints + (long)row * (SLIDE_INTS * TLED_LANES);
+  __global int* ints = slide_ints + (long)row * (SLIDE_INTS * TLED_LANES);
   __global real* rows = own + first;
   __global const int* dofs = ints + first;
+  __global int* shape = ints + SLIDE_SHAPE * TLED_LANES + first;
   const realv x = gather_lanes(u_next, dofs), y = gather_lanes(u_next + TLED_LANES, dofs),
               z = gather_lanes(u_next + 2 * TLED_LANES, dofs);
-  if (!all_below(squared_way(x, y, z, rows), load_lanes(rows + SLIDE_RADIUS * TLED_LANES))) {
+  if (!all_below(squared_way(x, y, z, rows), load_lanes(rows + SLIDE_RADIUS * TLED_LANES)) ||
+      !all_below(along_rows(x, y, z, rows + SLIDE_BORDER * TLED_LANES),
+                 load_lanes(rows + SLIDE_LIMIT * TLED_LANES))) {
     const SlideSurfaces s = {triangles, grids, grid_reals, cell_begin, cell_triangles};
+    int round = 0;
     for (int lane = first; lane < last; ++lane) {
       const int surface = ints[SLIDE_SURFACE * TLED_LANES + lane];
       if (surface < 0) continue;
       const int dof = ints[lane];
       __global real* mine = own + lane;
-      const real dx = u_next[dof] - mine[SLIDE_ANCHOR * TLED_LANES],
-                 dy = u_next[dof + TLED_LANES] - mine[(SLIDE_ANCHOR + 1) * TLED_LANES],
-                 dz = u_next[dof + 2 * TLED_LANES] - mine[(SLIDE_ANCHOR + 2) * TLED_LANES];
-      if (dx * dx + dy * dy + dz * dz < mine[SLIDE_RADIUS * TLED_LANES]) continue;
+      const Point u = {u_next[dof], u_next[dof + TLED_LANES], u_next[dof + 2 * TLED_LANES]};
+      const real dx = u.x - mine[SLIDE_ANCHOR * TLED_LANES],
+                 dy = u.y - mine[(SLIDE_ANCHOR + 1) * TLED_LANES],
+                 dz = u.z - mine[(SLIDE_ANCHOR + 2) * TLED_LANES];
+      if (dx * dx + dy * dy + dz * dz < mine[SLIDE_RADIUS * TLED_LANES] &&
+          mine[SLIDE_BORDER * TLED_LANES] * u.x + mine[(SLIDE_BORDER + 1) * TLED_LANES] * u.y +
+                  mine[(SLIDE_BORDER + 2) * TLED_LANES] * u.z <
+              mine[SLIDE_LIMIT * TLED_LANES]) {
+        round |= mine[SLIDE_ROUND * TLED_LANES] != R(0.0);
+        continue;
+      }
       const long node = (long)row * TLED_LANES + lane;
-      find_plane(&s, u_next, dof, surface, ints[SLIDE_FREE * TLED_LANES + lane], mine,
-                 candidates + node * SLIDE_CANDIDATES, candidate_reals + node * 4);
+      round |= find_surface(&s, u, surface, ints[SLIDE_FREE * TLED_LANES + lane], mine,
+                            candidates + node * SLIDE_CANDIDATES,
+                            candidate_reals + node * SLIDE_CANDIDATE_REALS);
+    }
+    *shape = (*shape & ~1) | round;
+  }
+  const realv target = load_lanes(rows + SLIDE_TARGET * TLED_LANES);
+  const realv nx = load_lanes(rows + SLIDE_NORMAL * TLED_LANES),
+              ny = load_lanes(rows + (SLIDE_NORMAL + 1) * TLED_LANES),
+              nz = load_lanes(rows + (SLIDE_NORMAL + 2) * TLED_LANES);
+  realv off = target - (nx * x + ny * y + nz * z), ax = nx, ay = ny, az = nz;
+  if (*shape) {
+    ax = load_lanes(rows + SLIDE_ALONG * TLED_LANES);
+    ay = load_lanes(rows + (SLIDE_ALONG + 1) * TLED_LANES);
+    az = load_lanes(rows + (SLIDE_ALONG + 2) * TLED_LANES);
+    if (*shape & 1) {
+      // From the line or point.
+      const realv round = load_lanes(rows + SLIDE_ROUND * TLED_LANES);
+      const realv qx = x - load_lanes(rows + SLIDE_ON * TLED_LANES),
+                  qy = y - load_lanes(rows + (SLIDE_ON + 1) * TLED_LANES),
+                  qz = z - load_lanes(rows + (SLIDE_ON + 2) * TLED_LANES);
+      const realv along = nx * qx + ny * qy + nz * qz;
+      const realv wx = qx - along * nx, wy = qy - along * ny, wz = qz - along * nz;
+      const realv way = square_root(wx * wx + wy * wy + wz * wz);
+      const realv scale = round / way;
+      off = round != R(0.0) ? target - round * way : off;
+      ax = round != R(0.0) ? scale * wx : ax;
+      ay = round != R(0.0) ? scale * wy : ay;
+      az = round != R(0.0) ? scale * wz : az;
+      store_lanes(ax, rows + SLIDE_ALONG * TLED_LANES);
+      store_lanes(ay, rows + (SLIDE_ALONG + 1) * TLED_LANES);
+      store_lanes(az, rows + (SLIDE_ALONG + 2) * TLED_LANES);
     }
   }
-  const realv off = load_lanes(rows + SLIDE_DISTANCE * TLED_LANES) +
-                    load_lanes(rows + SLIDE_OFFSET * TLED_LANES) -
-                    (load_lanes(rows + SLIDE_NORMAL * TLED_LANES) * x +
-                     load_lanes(rows + (SLIDE_NORMAL + 1) * TLED_LANES) * y +
-                     load_lanes(rows + (SLIDE_NORMAL + 2) * TLED_LANES) * z);
-  scatter_lanes(x + off * load_lanes(rows + SLIDE_ALONG * TLED_LANES), u_next, dofs);
-  scatter_lanes(y + off * load_lanes(rows + (SLIDE_ALONG + 1) * TLED_LANES), u_next + TLED_LANES, dofs);
-  scatter_lanes(z + off * load_lanes(rows + (SLIDE_ALONG + 2) * TLED_LANES), u_next + 2 * TLED_LANES,
-                dofs);
+  scatter_lanes(x + off * ax, u_next, dofs);
+  scatter_lanes(y + off * ay, u_next + TLED_LANES, dofs);
+  scatter_lanes(z + off * az, u_next + 2 * TLED_LANES, dofs);
 }
 
 // Work-item: a place (3 reals). Its nearest triangle and squared distance: what the grid finds.

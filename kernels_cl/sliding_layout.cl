@@ -1,32 +1,50 @@
 // Arrays of sliding nodes and their surfaces (csrc/sim/sliding, csrc/broad_phase, sliding.cl).
 //
-// Rows of lanes: slide_rows[(row of nodes * SLIDE_ROWS + row) * TLED_LANES + lane].
-#define SLIDE_ROWS 15
+// Rows of lanes: slide_rows[(row of nodes * SLIDE_ROWS + row) * TLED_LANES + lane]. Displacements are
+// those seen from the surface (sliding.cl).
+#define SLIDE_ROWS 24
 #define SLIDE_ANCHOR 0    // 3: displacement when level 2 was last run, m
 #define SLIDE_RADIUS 3    // squared, m^2; 0: level 2 every step
-#define SLIDE_NORMAL 4    // 3: unit normal of the plane
-#define SLIDE_ALONG 7     // 3: way back for each metre off the plane; the normal where all may move
-#define SLIDE_OFFSET 10   // distance from the plane = normal . u - offset, m
-#define SLIDE_DISTANCE 11  // to keep, m, negative behind the surface
-#define SLIDE_PLACE 12    // 3: reference position
+#define SLIDE_BORDER 4    // 3: unit normal of the nearest border of the region, outward
+#define SLIDE_LIMIT 7     // border . u below this, m
+#define SLIDE_NORMAL 8    // 3: unit normal of the plane; of an edge its direction, of a corner 0
+#define SLIDE_TARGET 11   // plane: normal . u at the distance to keep, m; edge, corner: that distance
+#define SLIDE_ROUND 12    // 0 plane; edge, corner: 1 before the surface, -1 behind
+#define SLIDE_ON 13       // 3: edge, corner: a point of it less the reference position, m
+#define SLIDE_ALONG 16    // 3: way back for each metre off the distance: the normal where all may move
+#define SLIDE_DISTANCE 19  // to keep, m, negative behind the surface
+#define SLIDE_PLACE 20    // 3: reference position
+#define SLIDE_LOSS 23     // friction: sum over steps of off * way, m^2
 
 // slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]
-#define SLIDE_INTS 3
+#define SLIDE_INTS 4
 #define SLIDE_DOF 0      // of the x component in u; the empty block's in lanes without a node
 #define SLIDE_SURFACE 1  // -1: no node here
 #define SLIDE_FREE 2     // bits: 1 x may move, 2 y, 4 z
+#define SLIDE_SHAPE 3    // in the row's first lane, bits: 1 a lane is on an edge or corner, 2 or held
 
-// Per node: candidates[node * SLIDE_CANDIDATES + ...], number first; candidate_reals[node * 4 + ...]:
-// position when level 3 was last run, and the radius within which they are enough.
+// slide_laws[(row of nodes * SLIDE_LAWS + k) * TLED_LANES + lane], where a node has friction or a release
+#define SLIDE_LAWS 2
+#define SLIDE_FRICTION 0  // coefficient
+#define SLIDE_RELEASE 1   // 1: may leave the surface
+
+// A pose: rotation, row by row, and translation: x = rotation . X + translation
+#define POSE_REALS 12
+
+// Per node: candidates[node * SLIDE_CANDIDATES + ...], number first, by distance when level 3 was last
+// run; candidate_reals[node * SLIDE_CANDIDATE_REALS + ...]: position then, the radius within which
+// they are enough, and their distances.
 #define SLIDE_MOST 24
 #define SLIDE_CANDIDATES (SLIDE_MOST + 1)
+#define SLIDE_CANDIDATE_REALS (SLIDE_MOST + 4)
 
 // triangles[triangle * TRIANGLE_REALS + ...]
-#define TRIANGLE_REALS 30
+#define TRIANGLE_REALS 34
 #define TRIANGLE_CORNERS 0  // 9
 #define TRIANGLE_NORMAL 9   // 3: face
 #define TRIANGLE_EDGES 12   // 9: pseudonormals of edges 0-1, 1-2, 2-0
 #define TRIANGLE_VERTICES 21  // 9
+#define TRIANGLE_BALL 30    // 4: a ball that holds it: centre, radius
 
 // grids[surface * GRID_INTS + ...], grid_reals[surface * GRID_REALS + ...]
 #define GRID_INTS 4  // cells along x, y, z; first of its entries of cell_begin

@@ -17,6 +17,9 @@ namespace {
 constexpr double kCellOverEdge = 1.0;
 constexpr double kMostCells = 4.0;
 
+// What the radius of a ball about a triangle is widened by, for the device's rounding.
+constexpr double kRounding = 1.0001;
+
 Vec3 permuted(const Vec3& v, const std::array<int, 3>& order) {
   return {v[order[0]], v[order[1]], v[order[2]]};
 }
@@ -116,6 +119,11 @@ SurfaceGrids make_surface_grids(const std::vector<TriangleMesh>& surfaces, const
       put(permuted(normals.face[f], order));
       for (const Vec3& v : normals.side[f]) put(permuted(v, order));
       for (int c = 0; c < 3; ++c) put(permuted(normals.vertex[mesh.faces[f][c]], order));
+      const Vec3 middle = (1.0 / 3.0) * (corner[0] + corner[1] + corner[2]);
+      double radius = 0;
+      for (const Vec3& v : corner) radius = std::max(radius, norm(v - middle));
+      put(middle);
+      result.triangles.push_back(kRounding * radius);
     }
     const Vec3 size = high - low;
     double cell = kCellOverEdge * edges / static_cast<double>(faces.size());

@@ -89,6 +89,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       put_int(SLIDE_DOF, empty);
       put_int(SLIDE_SURFACE, -1);
       put(SLIDE_RADIUS, 1);
+      put(SLIDE_LIMIT, 1);
       continue;
     }
     const std::size_t i = sorted[place];
@@ -103,13 +104,17 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       if (!model.fixed[3 * node + arrays.order[a]]) free |= 1 << a;
     }
     put_int(SLIDE_FREE, free);
+    // Where rows are no vectors each lane has its own.
+    if (free != 7)
+      for (std::size_t l = 0; l < lanes; ++l)
+        ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + l] |= 2;
     put(SLIDE_DISTANCE, given.distance[i]);
   }
   rows_ = reals(rows);
   ints_ = integers(ints);
   candidates_ = integers(std::vector<std::int32_t>(n_rows_ * lanes * SLIDE_CANDIDATES, 0));
   // A radius of 0: sought at the first step.
-  candidate_reals_ = reals(std::vector<double>(n_rows_ * lanes * 4, 0.0));
+  candidate_reals_ = reals(std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
   triangles_ = reals(grids.triangles);
   grids_ = integers(grids.grids);
   grid_reals_ = reals(grids.grid_reals);
