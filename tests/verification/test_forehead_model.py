@@ -4,17 +4,24 @@ import numpy as np
 import pytest
 
 import tledface as tf
-from forehead_scene import forehead
 from tledface import _core
+from tledface.examples import forehead
+from tledface.scene import Scene
 
 
 @pytest.fixture(scope="module")
-def half(shared_data, tmp_path_factory):
+def scene(shared_data, tmp_path_factory):
     """Right half at 1 mm: plumbing, not wrinkles."""
     atlas = shared_data / "bodyparts3d"
     if not atlas.is_dir():
         pytest.skip("the atlas is not on this machine")
-    return forehead(atlas, tmp_path_factory.mktemp("forehead"), voxel=1.0, half=True).build()
+    folder = tmp_path_factory.mktemp("forehead")
+    return Scene.load(forehead.write(folder, data=atlas, voxel=1.0, half=True))
+
+
+@pytest.fixture(scope="module")
+def half(scene):
+    return scene.build()
 
 
 def muscle(model, name):

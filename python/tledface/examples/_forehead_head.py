@@ -64,13 +64,11 @@ def _grid() -> tuple[Floats, Floats]:
     n_front = round(2.0 * _FRONT * 75.0 / _SPACING)
     front = np.linspace(-_FRONT, _FRONT, n_front, endpoint=False)
     back = np.linspace(_FRONT, 2.0 * np.pi - _FRONT, 50, endpoint=False)
-    top = _EQUATOR + _HEIGHT
     low = np.arange(_FLOOR, 1524.0, 4.0)
     middle = np.arange(1524.0, 1610.0, _SPACING)
-    # Evenly over the slope up to the pole, which is a point of its own.
-    start = np.arcsin((1610.0 - _EQUATOR) / _HEIGHT)
-    crown = _EQUATOR + _HEIGHT * np.sin(np.linspace(start, np.pi / 2.0, 52)[:-1])
-    assert crown[-1] < top
+    # Evenly over the slope up to near the pole, which is a point of its own.
+    start, end = np.arcsin((1610.0 - _EQUATOR) / _HEIGHT), np.arcsin(0.998)
+    crown = _EQUATOR + _HEIGHT * np.sin(np.linspace(start, end, 50))
     return np.concatenate([front, back]), np.concatenate([low, middle, crown])
 
 
@@ -148,8 +146,7 @@ def _skin(angles: Floats, heights: Floats, fat: float) -> Floats:
     angle, z = np.broadcast_arrays(angles[None, :], heights[:, None])
     x = abs(_vault(angle, z)[..., 0])
     cover = _SKIN + fat + _TEMPLE_SKIN * _step(x, 50.0, 5.0) * _gauss(z, 1555.0, 40.0)
-    # The pole has no normal by differences: straight up there, and the sides come to it.
-    points = _over(angle, np.minimum(z, _EQUATOR + 0.999 * _HEIGHT), cover)
+    points = _over(angle, z, cover)
     sunk = 6.0 * _step(x, 15.0, 4.0) * (1.0 - _step(x, 49.0, 4.0)) * (points[..., 1] < _AXIS_Y)
     depth = sunk * (1.0 - _step(points[..., 2] - _rim(x), -4.5, 2.6))
     # The upper lid bulges over the eye.

@@ -151,10 +151,10 @@ def _boundary(choices: Choices) -> str:
         lines.append('symmetry = [{ axis = "x", at = 0 }]')
     if not choices.frontalis_only:
         # Their origins, on nasal bone and on the frontal bone above it.
-        lines += _attachment("procerus", 2.0, ((-10, 1530), (10, 1537)))
-        lines += _attachment("corrugator_r", 1.5, ((-16, 1535), (-6, 1546)))
+        lines += _attachment("procerus", 2.0, ((-10, 1530), (10, 1536)))
+        lines += _attachment("corrugator_r", 1.0, ((-12, 1530), (-6, 1546)))
         if not choices.half:
-            lines += _attachment("corrugator_l", 1.5, ((6, 1535), (16, 1546)))
+            lines += _attachment("corrugator_l", 1.0, ((6, 1530), (12, 1546)))
     lines += ["", "[boundary.sliding]", 'on = ["bones"]', "facing = 0.6"]
     lines.append(f"boxes = [[[-60, -210, 1546], [60, -100, {TOP:g}]]]")
     if not choices.sliding:

@@ -175,7 +175,7 @@ def _grid_normals(points: Floats) -> Floats:
 
 
 def closed_sheet(upper: Floats, lower: Floats) -> trimesh.Trimesh:
-    """The solid between two grids: both sheets and the strip round their rims."""
+    """The solid between two grids (rows, columns, 3): both and the strip round their rims."""
     rows, columns = upper.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
