@@ -216,7 +216,7 @@ def _corrugator(side: float) -> tuple[Floats, ...]:
     """From the bone over the nasal root outwards and up, rising through frontalis to the brow."""
     along = np.linspace(0.0, 1.0, 28)
     x = 8.0 + 25.0 * along
-    z = 1544.5 + 10.0 * along + 1.5 * np.sin(np.pi * along)
+    z = 1541.5 + 12.5 * along + 1.5 * np.sin(np.pi * along)
     width = np.interp(along, [0.0, 0.5, 1.0], [6.0, 6.0, 4.0])
     across = np.linspace(-0.5, 0.5, 8)[:, None]
     low = np.interp(along, [0.0, 0.4, 1.0], [0.1, 0.3, 1.5]) + 0.0 * across
