@@ -16,7 +16,7 @@ from tledface.output import earlier_run
 from tledface.picture import wrinkle_picture
 from tledface.voxel_view import VIEWS
 
-__all__ = ["run_pictures"]
+__all__ = ["run_pictures", "surface_frames"]
 
 _FRAMES = ("frames_surface.vtkhdf", "frames_surface.part.vtkhdf")
 
@@ -47,7 +47,7 @@ def run_pictures(
     for view in views or ():
         if view not in known:
             raise InputError(f"view: got {view!r}; allowed: {', '.join(known)}")
-    rest, moved, faces = _frames(directory)
+    rest, moved, faces = surface_frames(directory)
     check_folder(folder, "pictures")
     folder.mkdir(exist_ok=True)
     found = ((about.get("result") or {}).get("wrinkles")) or {}
@@ -79,7 +79,7 @@ def _view(name: str) -> dict[str, Any]:
     return {"view": direction, "up": up}
 
 
-def _frames(
+def surface_frames(
     directory: Path,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Points of the first and last frame, (nv, 3) m, and the triangles that follow the tissue."""

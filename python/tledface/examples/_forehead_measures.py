@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface.metrics import line_profile, wrinkles
-from tledface.run_picture import _frames as surface_frames
+from tledface.run_picture import surface_frames
 
 __all__ = ["Measures", "measure", "measure_surfaces"]
 

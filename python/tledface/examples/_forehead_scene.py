@@ -9,7 +9,7 @@ from pathlib import Path
 __all__ = ["TOP", "Choices", "scene_text"]
 
 # mm: where the tissue ends above, below, sideways; where the temples begin, which do not move.
-TOP, _BOTTOM, _SIDE, _TEMPLE = 1622.0, 1534.0, 58.0, 44.0
+TOP, _BOTTOM, _SIDE, _TEMPLE = 1622.0, 1534.0, 50.0, 44.0
 # mm of tissue kept under the skin, and under the skin below the orbital rim, without more fat.
 _DEPTH, _DEPTH_BELOW_RIM = 5.6, 4.7
 _RAMP, _STEP = "30 ms", "4 us"
