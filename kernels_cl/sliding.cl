@@ -509,99 +509,251 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
   return round != R(0.0);
 }
 
-INLINE realv squared_way(realv x, realv y, realv z, __global const real* rows) {
-  const realv dx = x - load_lanes(rows + SLIDE_ANCHOR * TLED_LANES),
-              dy = y - load_lanes(rows + (SLIDE_ANCHOR + 1) * TLED_LANES),
-              dz = z - load_lanes(rows + (SLIDE_ANCHOR + 2) * TLED_LANES);
+// Displacement of a node at X as seen from a surface in a pose, and a vector turned out of the pose.
+INLINE Point seen_from(__global const real* pose, Point X, Point u) {
+  const Point p = {X.x + u.x - pose[9], X.y + u.y - pose[10], X.z + u.z - pose[11]};
+  const Point seen = {pose[0] * p.x + pose[3] * p.y + pose[6] * p.z - X.x,
+                      pose[1] * p.x + pose[4] * p.y + pose[7] * p.z - X.y,
+                      pose[2] * p.x + pose[5] * p.y + pose[8] * p.z - X.z};
+  return seen;
+}
+typedef struct { realv x, y, z; } Points;
+INLINE Points lanes_at(__global const real* u, __global const int* dofs) {
+  Points p;
+  p.x = gather_lanes(u, dofs);
+  p.y = gather_lanes(u + TLED_LANES, dofs);
+  p.z = gather_lanes(u + 2 * TLED_LANES, dofs);
+  return p;
+}
+INLINE Points lanes_of(__global const real* rows) {
+  Points p;
+  p.x = load_lanes(rows);
+  p.y = load_lanes(rows + TLED_LANES);
+  p.z = load_lanes(rows + 2 * TLED_LANES);
+  return p;
+}
+INLINE Points lanes_seen_from(__global const real* pose, Points X, Points u) {
+  const realv x = X.x + u.x - pose[9], y = X.y + u.y - pose[10], z = X.z + u.z - pose[11];
+  Points seen;
+  seen.x = pose[0] * x + pose[3] * y + pose[6] * z - X.x;
+  seen.y = pose[1] * x + pose[4] * y + pose[7] * z - X.y;
+  seen.z = pose[2] * x + pose[5] * y + pose[8] * z - X.z;
+  return seen;
+}
+INLINE Points lanes_turned(__global const real* pose, Points a) {
+  Points b;
+  b.x = pose[0] * a.x + pose[1] * a.y + pose[2] * a.z;
+  b.y = pose[3] * a.x + pose[4] * a.y + pose[5] * a.z;
+  b.z = pose[6] * a.x + pose[7] * a.y + pose[8] * a.z;
+  return b;
+}
+INLINE realv lanes_inner(Points a, Points b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+
+INLINE realv squared_way(Points u, __global const real* rows) {
+  const realv dx = u.x - load_lanes(rows + SLIDE_ANCHOR * TLED_LANES),
+              dy = u.y - load_lanes(rows + (SLIDE_ANCHOR + 1) * TLED_LANES),
+              dz = u.z - load_lanes(rows + (SLIDE_ANCHOR + 2) * TLED_LANES);
   return dx * dx + dy * dy + dz * dz;
 }
-INLINE realv along_rows(realv x, realv y, realv z, __global const real* rows) {
-  return load_lanes(rows) * x + load_lanes(rows + TLED_LANES) * y +
-         load_lanes(rows + 2 * TLED_LANES) * z;
+
+// How far rubbing shortens the way along the surface in a step, as a share of it. off: the way back to
+// the distance, along the normal.
+INLINE realv rubbed_share(realv coefficient, realv off, realv way) {
+  const realv share = coefficient * absolute(off) / (way + R(1e-30));
+  return share < R(1.0) ? share : broadcast(R(1.0));
 }
 
-// Work-item: a row of TLED_LANES sliding nodes, or one where rows are no vectors. Moves them to their
-// distance in u_next.
-__kernel void slide_nodes(__global real* restrict u_next, __global real* restrict slide_rows,
-                          __global int* restrict slide_ints, __global int* restrict candidates,
+// A row of nodes and what it slides on; `first` to `last`: the lanes of the work-item.
+typedef struct {
+  __global real* rows;
+  __global int* ints;
+  __global int* candidates;
+  __global real* candidate_reals;
+  __global const real* pose;  // of a surface that moves
+  int moves, first, last;
+} SlideRow;
+
+// Where the nodes of a row are as seen from their surface.
+INLINE Points lanes_seen(const SlideRow* row, Points u) {
+  if (!row->moves) return u;
+  return lanes_seen_from(row->pose, lanes_of(row->rows + row->first + SLIDE_PLACE * TLED_LANES), u);
+}
+
+// Levels 1 to 3: afterwards the row's surfaces are those of the places `seen` of u.
+INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
+                          __global const real* u) {
+  __global const real* lanes = row->rows + row->first;
+  if (all_below(squared_way(seen, lanes), load_lanes(lanes + SLIDE_RADIUS * TLED_LANES)) &&
+      all_below(lanes_inner(lanes_of(lanes + SLIDE_BORDER * TLED_LANES), seen),
+                load_lanes(lanes + SLIDE_LIMIT * TLED_LANES)))
+    return;
+  int round = 0;
+  for (int lane = row->first; lane < row->last; ++lane) {
+    const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
+    if (surface < 0) continue;
+    const int dof = row->ints[lane];
+    __global real* mine = row->rows + lane;
+    Point v = {u[dof], u[dof + TLED_LANES], u[dof + 2 * TLED_LANES]};
+    if (row->moves) {
+      const Point X = {mine[SLIDE_PLACE * TLED_LANES], mine[(SLIDE_PLACE + 1) * TLED_LANES],
+                       mine[(SLIDE_PLACE + 2) * TLED_LANES]};
+      v = seen_from(row->pose, X, v);
+    }
+    const real dx = v.x - mine[SLIDE_ANCHOR * TLED_LANES],
+               dy = v.y - mine[(SLIDE_ANCHOR + 1) * TLED_LANES],
+               dz = v.z - mine[(SLIDE_ANCHOR + 2) * TLED_LANES];
+    if (dx * dx + dy * dy + dz * dz < mine[SLIDE_RADIUS * TLED_LANES] &&
+        mine[SLIDE_BORDER * TLED_LANES] * v.x + mine[(SLIDE_BORDER + 1) * TLED_LANES] * v.y +
+                mine[(SLIDE_BORDER + 2) * TLED_LANES] * v.z <
+            mine[SLIDE_LIMIT * TLED_LANES]) {
+      round |= mine[SLIDE_ROUND * TLED_LANES] != R(0.0);
+      continue;
+    }
+    // Held components are looked after by whoever turns the way back, where the surface may turn.
+    const int free = row->moves ? 7 : row->ints[SLIDE_FREE * TLED_LANES + lane];
+    round |= find_surface(s, v, surface, free, mine, row->candidates + lane * SLIDE_CANDIDATES,
+                          row->candidate_reals + lane * SLIDE_CANDIDATE_REALS);
+  }
+  __global int* shape = row->ints + SLIDE_SHAPE * TLED_LANES + row->first;
+  *shape = (*shape & ~1) | round;
+}
+
+// How far off their distance nodes are, which way is back, and the unit normal.
+typedef struct {
+  realv off;
+  Points back, normal;
+} WayBack;
+
+INLINE WayBack way_back(const SlideRow* row, Points seen) {
+  __global const real* lanes = row->rows + row->first;
+  const int shape = row->ints[SLIDE_SHAPE * TLED_LANES + row->first];
+  const realv target = load_lanes(lanes + SLIDE_TARGET * TLED_LANES);
+  // The normal, or the edge's direction.
+  const Points n = lanes_of(lanes + SLIDE_NORMAL * TLED_LANES);
+  WayBack way;
+  way.off = target - lanes_inner(n, seen);
+  way.normal = way.back = n;
+  if (shape & 2) way.back = lanes_of(lanes + SLIDE_ALONG * TLED_LANES);
+  if (shape & 1) {
+    const realv round = load_lanes(lanes + SLIDE_ROUND * TLED_LANES);
+    const Points on = lanes_of(lanes + SLIDE_ON * TLED_LANES);
+    Points q = {seen.x - on.x, seen.y - on.y, seen.z - on.z};
+    const realv along = lanes_inner(n, q);
+    q.x -= along * n.x;
+    q.y -= along * n.y;
+    q.z -= along * n.z;
+    const realv length = square_root(lanes_inner(q, q));
+    const realv scale = round / length;
+    way.off = round != R(0.0) ? target - round * length : way.off;
+    way.normal.x = round != R(0.0) ? scale * q.x : n.x;
+    way.normal.y = round != R(0.0) ? scale * q.y : n.y;
+    way.normal.z = round != R(0.0) ? scale * q.z : n.z;
+    way.back.x = round != R(0.0) ? way.normal.x : way.back.x;
+    way.back.y = round != R(0.0) ? way.normal.y : way.back.y;
+    way.back.z = round != R(0.0) ? way.normal.z : way.back.z;
+  }
+  return way;
+}
+
+// A node that may leave is only ever pushed to its side of the surface.
+INLINE realv released(realv off, __global const real* lanes, __global const real* laws) {
+  const realv pushed = load_lanes(lanes + SLIDE_DISTANCE * TLED_LANES) < R(0.0) ? -off : off;
+  const realv held =
+      load_lanes(laws + SLIDE_RELEASE * TLED_LANES) > R(0.5) ? pushed : absolute(off);
+  return held < R(0.0) ? broadcast(R(0.0)) : off;
+}
+
+// Work-item: a row of TLED_LANES sliding nodes from `first_row` on, or one node where rows are no
+// vectors. Moves them to their distance in u_next. pose_column: of the step table; -1: surfaces that
+// stand still. has_laws: slide_laws is there.
+__kernel void slide_nodes(__global real* restrict u_next, __global const real* restrict u_now,
+                          __global real* restrict slide_rows, __global int* restrict slide_ints,
+                          __global const real* restrict slide_laws,
+                          __global int* restrict candidates,
                           __global real* restrict candidate_reals,
                           __global const real* restrict triangles, __global const int* restrict grids,
                           __global const real* restrict grid_reals,
                           __global const int* restrict cell_begin,
-                          __global const int* restrict cell_triangles, int n_items) {
+                          __global const int* restrict cell_triangles,
+                          __global const real* restrict step_table, int n_items, int first_row,
+                          int has_laws, int pose_column, int step_reals, int step_index) {
   const int item = (int)get_global_id(0);
   if (item >= n_items) return;
 #if TLED_VECTOR_ROWS
-  const int row = item, first = 0, last = TLED_LANES;
+  const int place = first_row + item, first = 0, last = TLED_LANES;
 #else
-  const int row = item / TLED_LANES, first = item % TLED_LANES, last = first + 1;
+  const int place = first_row + item / TLED_LANES, first = item % TLED_LANES, last = first + 1;
 #endif
-  __global real* own = slide_rows + (long)row * (SLIDE_ROWS * TLED_LANES);
-  __global int* ints = slide_ints + (long)row * (SLIDE_INTS * TLED_LANES);
-  __global real* rows = own + first;
-  __global const int* dofs = ints + first;
-  __global int* shape = ints + SLIDE_SHAPE * TLED_LANES + first;
-  const realv x = gather_lanes(u_next, dofs), y = gather_lanes(u_next + TLED_LANES, dofs),
-              z = gather_lanes(u_next + 2 * TLED_LANES, dofs);
-  if (!all_below(squared_way(x, y, z, rows), load_lanes(rows + SLIDE_RADIUS * TLED_LANES)) ||
-      !all_below(along_rows(x, y, z, rows + SLIDE_BORDER * TLED_LANES),
-                 load_lanes(rows + SLIDE_LIMIT * TLED_LANES))) {
-    const SlideSurfaces s = {triangles, grids, grid_reals, cell_begin, cell_triangles};
-    int round = 0;
-    for (int lane = first; lane < last; ++lane) {
-      const int surface = ints[SLIDE_SURFACE * TLED_LANES + lane];
-      if (surface < 0) continue;
-      const int dof = ints[lane];
-      __global real* mine = own + lane;
-      const Point u = {u_next[dof], u_next[dof + TLED_LANES], u_next[dof + 2 * TLED_LANES]};
-      const real dx = u.x - mine[SLIDE_ANCHOR * TLED_LANES],
-                 dy = u.y - mine[(SLIDE_ANCHOR + 1) * TLED_LANES],
-                 dz = u.z - mine[(SLIDE_ANCHOR + 2) * TLED_LANES];
-      if (dx * dx + dy * dy + dz * dz < mine[SLIDE_RADIUS * TLED_LANES] &&
-          mine[SLIDE_BORDER * TLED_LANES] * u.x + mine[(SLIDE_BORDER + 1) * TLED_LANES] * u.y +
-                  mine[(SLIDE_BORDER + 2) * TLED_LANES] * u.z <
-              mine[SLIDE_LIMIT * TLED_LANES]) {
-        round |= mine[SLIDE_ROUND * TLED_LANES] != R(0.0);
-        continue;
-      }
-      const long node = (long)row * TLED_LANES + lane;
-      round |= find_surface(&s, u, surface, ints[SLIDE_FREE * TLED_LANES + lane], mine,
-                            candidates + node * SLIDE_CANDIDATES,
-                            candidate_reals + node * SLIDE_CANDIDATE_REALS);
+  __global const real* step = step_table + (long)step_index * step_reals;
+  const long node = (long)place * TLED_LANES;
+  const SlideRow row = {slide_rows + node * SLIDE_ROWS,
+                        slide_ints + node * SLIDE_INTS,
+                        candidates + node * SLIDE_CANDIDATES,
+                        candidate_reals + node * SLIDE_CANDIDATE_REALS,
+                        step + (pose_column < 0 ? 0 : pose_column + POSE_REALS),
+                        pose_column >= 0,
+                        first,
+                        last};
+  const SlideSurfaces surfaces = {triangles, grids, grid_reals, cell_begin, cell_triangles};
+  __global real* lanes = row.rows + first;
+  __global const int* dofs = row.ints + first;
+  Points u = lanes_at(u_next, dofs);
+  Points seen = lanes_seen(&row, u);
+  find_surfaces(&row, &surfaces, seen, u_next);
+  WayBack way = way_back(&row, seen);
+  if (has_laws) {
+    __global const real* laws = slide_laws + node * SLIDE_LAWS + first;
+    const Points may = lanes_of(laws + SLIDE_MAY * TLED_LANES);
+    const realv coefficient = load_lanes(laws + SLIDE_FRICTION * TLED_LANES);
+    if (!all_below(coefficient, broadcast(R(1e-30)))) {
+      // The way in this step as seen from the surface, and of it the part along the surface.
+      Points rubbed = lanes_at(u_now, dofs);
+      if (row.moves)
+        rubbed = lanes_seen_from(row.pose - POSE_REALS, lanes_of(lanes + SLIDE_PLACE * TLED_LANES),
+                                 rubbed);
+      rubbed.x = seen.x - rubbed.x;
+      rubbed.y = seen.y - rubbed.y;
+      rubbed.z = seen.z - rubbed.z;
+      const realv steep = lanes_inner(rubbed, way.normal);
+      rubbed.x -= steep * way.normal.x;
+      rubbed.y -= steep * way.normal.y;
+      rubbed.z -= steep * way.normal.z;
+      const realv length = square_root(lanes_inner(rubbed, rubbed));
+      const realv share = rubbed_share(coefficient, released(way.off, lanes, laws), length);
+      store_lanes(load_lanes(lanes + SLIDE_LOSS * TLED_LANES) +
+                      share * length * length * (R(1.0) - share) / step[STEP_FORCE],
+                  lanes + SLIDE_LOSS * TLED_LANES);
+      if (row.moves) rubbed = lanes_turned(row.pose, rubbed);
+      u.x -= share * may.x * rubbed.x;
+      u.y -= share * may.y * rubbed.y;
+      u.z -= share * may.z * rubbed.z;
+      scatter_lanes(u.x, u_next, dofs);
+      scatter_lanes(u.y, u_next + TLED_LANES, dofs);
+      scatter_lanes(u.z, u_next + 2 * TLED_LANES, dofs);
+      seen = lanes_seen(&row, u);
+      find_surfaces(&row, &surfaces, seen, u_next);
+      way = way_back(&row, seen);
     }
-    *shape = (*shape & ~1) | round;
-  }
-  const realv target = load_lanes(rows + SLIDE_TARGET * TLED_LANES);
-  const realv nx = load_lanes(rows + SLIDE_NORMAL * TLED_LANES),
-              ny = load_lanes(rows + (SLIDE_NORMAL + 1) * TLED_LANES),
-              nz = load_lanes(rows + (SLIDE_NORMAL + 2) * TLED_LANES);
-  realv off = target - (nx * x + ny * y + nz * z), ax = nx, ay = ny, az = nz;
-  if (*shape) {
-    ax = load_lanes(rows + SLIDE_ALONG * TLED_LANES);
-    ay = load_lanes(rows + (SLIDE_ALONG + 1) * TLED_LANES);
-    az = load_lanes(rows + (SLIDE_ALONG + 2) * TLED_LANES);
-    if (*shape & 1) {
-      // From the line or point.
-      const realv round = load_lanes(rows + SLIDE_ROUND * TLED_LANES);
-      const realv qx = x - load_lanes(rows + SLIDE_ON * TLED_LANES),
-                  qy = y - load_lanes(rows + (SLIDE_ON + 1) * TLED_LANES),
-                  qz = z - load_lanes(rows + (SLIDE_ON + 2) * TLED_LANES);
-      const realv along = nx * qx + ny * qy + nz * qz;
-      const realv wx = qx - along * nx, wy = qy - along * ny, wz = qz - along * nz;
-      const realv way = square_root(wx * wx + wy * wy + wz * wz);
-      const realv scale = round / way;
-      off = round != R(0.0) ? target - round * way : off;
-      ax = round != R(0.0) ? scale * wx : ax;
-      ay = round != R(0.0) ? scale * wy : ay;
-      az = round != R(0.0) ? scale * wz : az;
-      store_lanes(ax, rows + SLIDE_ALONG * TLED_LANES);
-      store_lanes(ay, rows + (SLIDE_ALONG + 1) * TLED_LANES);
-      store_lanes(az, rows + (SLIDE_ALONG + 2) * TLED_LANES);
+    way.off = released(way.off, lanes, laws);
+    if (row.moves) {
+      const Points to = lanes_turned(row.pose, way.normal);
+      const Points free = {may.x * to.x, may.y * to.y, may.z * to.z};
+      const realv part = lanes_inner(free, to);
+      const realv scale = part > R(0.01) ? R(1.0) / part : broadcast(R(0.0));
+      way.back.x = scale * free.x;
+      way.back.y = scale * free.y;
+      way.back.z = scale * free.z;
     }
   }
-  scatter_lanes(x + off * ax, u_next, dofs);
-  scatter_lanes(y + off * ay, u_next + TLED_LANES, dofs);
-  scatter_lanes(z + off * az, u_next + 2 * TLED_LANES, dofs);
+  scatter_lanes(u.x + way.off * way.back.x, u_next, dofs);
+  scatter_lanes(u.y + way.off * way.back.y, u_next + TLED_LANES, dofs);
+  scatter_lanes(u.z + way.off * way.back.z, u_next + 2 * TLED_LANES, dofs);
+  // Whoever asks for reactions finds the directions here; of planes that stand still it is there.
+  if (row.moves || (row.ints[SLIDE_SHAPE * TLED_LANES + first] & 1)) {
+    store_lanes(way.back.x, lanes + SLIDE_ALONG * TLED_LANES);
+    store_lanes(way.back.y, lanes + (SLIDE_ALONG + 1) * TLED_LANES);
+    store_lanes(way.back.z, lanes + (SLIDE_ALONG + 2) * TLED_LANES);
+  }
 }
 
 // Work-item: a place (3 reals). Its nearest triangle and squared distance: what the grid finds.

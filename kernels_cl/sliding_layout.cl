@@ -14,7 +14,7 @@
 #define SLIDE_ALONG 16    // 3: way back for each metre off the distance: the normal where all may move
 #define SLIDE_DISTANCE 19  // to keep, m, negative behind the surface
 #define SLIDE_PLACE 20    // 3: reference position
-#define SLIDE_LOSS 23     // friction: sum over steps of off * way, m^2
+#define SLIDE_LOSS 23     // what friction took so far, J for each kg of the node
 
 // slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]
 #define SLIDE_INTS 4
@@ -23,12 +23,14 @@
 #define SLIDE_FREE 2     // bits: 1 x may move, 2 y, 4 z
 #define SLIDE_SHAPE 3    // in the row's first lane, bits: 1 a lane is on an edge or corner, 2 or held
 
-// slide_laws[(row of nodes * SLIDE_LAWS + k) * TLED_LANES + lane], where a node has friction or a release
-#define SLIDE_LAWS 2
+// slide_laws[(row of nodes * SLIDE_LAWS + k) * TLED_LANES + lane], where surfaces move, rub or let go
+#define SLIDE_LAWS 5
 #define SLIDE_FRICTION 0  // coefficient
 #define SLIDE_RELEASE 1   // 1: may leave the surface
+#define SLIDE_MAY 2       // 3: 1 where the component may move, else 0
 
-// A pose: rotation, row by row, and translation: x = rotation . X + translation
+// Poses of a moving surface in the step table, at the begin and at the end of the step: rotation, row
+// by row, and translation, x = rotation . X + translation.
 #define POSE_REALS 12
 
 // Per node: candidates[node * SLIDE_CANDIDATES + ...], number first, by distance when level 3 was last

@@ -247,7 +247,21 @@ void define_simulator(py::module_& module) {
             sliding.surface = to_vector(surface);
             sliding.distance = to_vector(distance);
           },
-          py::arg("nodes"), py::arg("surface"), py::arg("distance"));
+          py::arg("nodes"), py::arg("surface"), py::arg("distance"))
+      .def(
+          "set_laws",
+          [](SlidingNodes& sliding, const Array<double>& friction,
+             const Array<std::uint8_t>& release) {
+            sliding.friction = to_vector(friction);
+            sliding.release = to_vector(release);
+          },
+          py::arg("friction"), py::arg("release"))
+      .def(
+          "set_moving",
+          [](SlidingNodes& sliding, const Array<std::int32_t>& surfaces) {
+            sliding.moving = to_vector(surfaces);
+          },
+          py::arg("surfaces"));
 
   module.def(
       "grid_nearest",
@@ -264,7 +278,8 @@ void define_simulator(py::module_& module) {
       "brute_force_nearest",
       [](const Array<double>& vertices, const Array<std::int32_t>& faces,
          const Array<double>& points) {
-        return nearest_tuple(nearest_by_brute_force(make_mesh(vertices, faces), make_points(points)));
+        return nearest_tuple(
+            nearest_by_brute_force(make_mesh(vertices, faces), make_points(points)));
       },
       py::arg("vertices"), py::arg("faces"), py::arg("points"),
       "The same by trying every triangle, in float64.");
@@ -288,6 +303,8 @@ void define_simulator(py::module_& module) {
           py::arg("keys") = py::none())
       .def_property_readonly("n_prescribed",
                              [](const Simulator& sim) { return sim.conditions().n_prescribed; })
+      .def_property_readonly("n_pose_values",
+                             [](const Simulator& sim) { return sim.n_pose_values(); })
       .def("first_key", &Simulator::first_key)
       .def("last_key", &Simulator::last_key, py::arg("steps"))
       .def("key_time", &Simulator::key_time, py::arg("key"))
@@ -328,6 +345,7 @@ void define_simulator(py::module_& module) {
       .def("relaxation_masses", [](Simulator& sim) { return to_array(sim.relaxation_masses()); })
       .def("sliding_normals",
            [](const Simulator& sim) { return to_array(sim.sliding_normals(), 3); })
+      .def("friction_losses", [](const Simulator& sim) { return to_array(sim.friction_losses()); })
       .def("finish", &Simulator::finish, py::call_guard<py::gil_scoped_release>())
       .def_property("dt", &Simulator::dt, &Simulator::set_dt)
       .def("bound_at_rest", [](const Simulator& sim) { return bound_tuple(sim.bound_at_rest()); })

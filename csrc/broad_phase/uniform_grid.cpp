@@ -5,9 +5,9 @@
 #include <limits>
 #include <numeric>
 
+#include "broad_phase/sliding_layout.hpp"
 #include "core/error.hpp"
 #include "core/threads.hpp"
-#include "broad_phase/sliding_layout.hpp"
 
 namespace tledface {
 namespace {
@@ -36,7 +36,8 @@ Pseudonormals pseudonormals_of(const TriangleMesh& mesh) {
   n.vertex.resize(mesh.vertices.size());
   n.side.resize(mesh.faces.size());
   for (const Face& face : mesh.faces) {
-    const Vec3 &a = mesh.vertices[face[0]], &b = mesh.vertices[face[1]], &c = mesh.vertices[face[2]];
+    const Vec3 &a = mesh.vertices[face[0]], &b = mesh.vertices[face[1]],
+               &c = mesh.vertices[face[2]];
     n.face.push_back(unit(cross(b - a, c - a)));
     for (int corner = 0; corner < 3; ++corner) {
       const Vec3 p = unit(mesh.vertices[face[(corner + 1) % 3]] - mesh.vertices[face[corner]]),
@@ -99,7 +100,8 @@ SurfaceGrids make_surface_grids(const std::vector<TriangleMesh>& surfaces, const
       if (!(norm2(normals.face[f]) > 0)) continue;  // no area: its neighbours cover it
       faces.push_back(static_cast<std::int32_t>(f));
       for (int c = 0; c < 3; ++c)
-        edges += norm(mesh.vertices[mesh.faces[f][c]] - mesh.vertices[mesh.faces[f][(c + 1) % 3]]) / 3;
+        edges +=
+            norm(mesh.vertices[mesh.faces[f][c]] - mesh.vertices[mesh.faces[f][(c + 1) % 3]]) / 3;
     }
     if (faces.empty()) throw InputError("sliding: a surface has no triangle with an area");
     Vec3 low{1e300, 1e300, 1e300}, high{-1e300, -1e300, -1e300};
@@ -152,8 +154,8 @@ SurfaceGrids make_surface_grids(const std::vector<TriangleMesh>& surfaces, const
         const auto [least, most] =
             std::minmax({corners[f][0][a], corners[f][1][a], corners[f][2][a]});
         const auto index = [&](double x) {
-          return std::clamp<std::int64_t>(static_cast<std::int64_t>(std::floor((x - low[a]) / cell)),
-                                          0, count[a] - 1);
+          return std::clamp<std::int64_t>(
+              static_cast<std::int64_t>(std::floor((x - low[a]) / cell)), 0, count[a] - 1);
         };
         from[a] = index(least - slack);
         to[a] = index(most + slack);

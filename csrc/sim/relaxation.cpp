@@ -70,8 +70,7 @@ void Simulator::set_prescribed(const std::vector<double>& values,
 }
 
 std::vector<double> Simulator::external_force(const std::vector<double>& values) {
-  const Conditions& given = conditions_->given();
-  if (values.size() != static_cast<std::size_t>(given.n_values()))
+  if (values.size() != n_values())
     throw InputError("external_force: one value a channel is needed");
   auto force = conditions_->force(displacement(), values.data());
   for (std::size_t n = 0; n < arrays_.node_mass.size(); ++n)
@@ -164,7 +163,7 @@ void Simulator::begin_relaxation(const std::vector<double>& node_mass) {
 void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput& input) {
   if (!relaxation_) throw InputError("relax: begin_relaxation comes first");
   check_input("relax", steps.size(), input, 2);
-  const std::size_t n_muscles = model_.muscles.size(), n_values = conditions_->given().n_values();
+  const std::size_t n_muscles = model_.muscles.size(), n_values = this->n_values();
   device_->finish();
   if (conditions_->n_fields()) conditions_->write_keys(input.keys.data(), 2);
   std::vector<double> table;
@@ -185,7 +184,7 @@ void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput&
     for (std::size_t i = 0; i < batch; ++i) {
       enqueue_step(static_cast<std::int32_t>(i), 0);
       relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i), 0);
-      if (sliding_) sliding_->enqueue(1 - now_);
+      if (sliding_) sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i));
       now_ = 1 - now_;
     }
     done += batch;
@@ -211,8 +210,8 @@ std::unique_ptr<Simulator> Simulator::in_double() {
     device = make_native_device();
     options.kernels = KernelPath::kAuto;
   }
-  auto exact = std::make_unique<Simulator>(std::move(device), model_, options, conditions(),
-                                           sliding_given_);
+  auto exact =
+      std::make_unique<Simulator>(std::move(device), model_, options, conditions(), sliding_given_);
   exact->set_dt(dt_);
   exact->take_state(*this);
   exact->starts_ = true;

@@ -22,8 +22,7 @@ std::vector<T> narrowed(const std::vector<double>& values) {
 }  // namespace
 
 Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
-                     const SimulatorOptions& options, Conditions conditions,
-                     SlidingNodes sliding)
+                     const SimulatorOptions& options, Conditions conditions, SlidingNodes sliding)
     : device_(std::move(device)), model_(std::move(model)), options_(options) {
   rows_ = options_.kernels == KernelPath::kRows ||
           (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
@@ -44,7 +43,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   precompute_.axis_order = options_.axis_order;
   arrays_ = make_solver_arrays(model_, precompute_);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
-  step_reals_ = first_column + NodalConditions::n_columns(conditions);
+  step_reals_ = first_column + NodalConditions::n_columns(conditions) +
+                static_cast<std::int32_t>(sliding.moving.size() * Sliding::kPoseValues);
 
   const std::size_t real = real_size(options_.precision), lanes = arrays_.lanes,
                     slots = std::size_t(arrays_.n_blocks + 1) * lanes;
@@ -81,10 +81,10 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   sliding_given_ = std::move(sliding);
   if (!sliding_given_.empty()) {
     sliding_ = std::make_unique<Sliding>(sliding_given_, model_, arrays_, *device_, *program_,
-                                         options_.precision, rows_);
+                                         options_.precision, rows_, pose_column());
     device_bytes_ += sliding_->bytes();
     const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
-    sliding_->bind(u);
+    sliding_->bind(u, *step_table_, step_reals_);
   }
   bind_masses(*blocks_, *node_sets_);
 }
@@ -144,6 +144,7 @@ void Simulator::fill_step(double* row, const double* activations, const double* 
   row[STEP_TIME] = time();
   std::copy_n(activations, model_.muscles.size(), row + STEP_ACTIVATION);
   conditions_->fill_columns(values, field_weight, row + STEP_ACTIVATION + model_.muscles.size());
+  if (sliding_) sliding_->fill_poses(values + n_condition_values(), row + pose_column());
 }
 
 void Simulator::enqueue_step(std::int32_t index, std::int32_t key) {
@@ -161,7 +162,7 @@ void Simulator::check_input(const char* what, std::size_t n, const StepInput& in
                        std::to_string(columns) + " values, got " + std::to_string(got));
   };
   check("activations", input.activations.size(), model_.muscles.size());
-  check("values of conditions", input.values.size(), conditions_->given().n_values());
+  check("values of conditions", input.values.size(), n_values());
   if (input.keys.size() != n_keys * conditions_->n_fields())
     throw InputError(std::string(what) + ": keys of fields need " +
                      std::to_string(n_keys * conditions_->n_fields()) + " values, got " +
@@ -173,7 +174,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
   const std::int64_t key_begin = first_key();
   check_input("step", n, input, static_cast<std::size_t>(last_key(n) - key_begin + 1));
   if (!(dt_ > 0)) throw InputError("step: the time step is not set");
-  const std::size_t n_muscles = model_.muscles.size(), n_values = conditions_->given().n_values(),
+  const std::size_t n_muscles = model_.muscles.size(), n_values = this->n_values(),
                     n_fields = conditions_->n_fields();
   std::vector<double> table;
   for (std::size_t done = 0; done < n;) {
@@ -199,7 +200,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     for (std::size_t i = 0; i < batch; ++i) {
       const std::int64_t at = (clock_steps_ + static_cast<std::int64_t>(i) + 1) / kFieldStride;
       enqueue_step(static_cast<std::int32_t>(i), static_cast<std::int32_t>(at - key));
-      if (sliding_) sliding_->enqueue(1 - now_);
+      if (sliding_) sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i));
       now_ = 1 - now_;
     }
     starts_ = false;

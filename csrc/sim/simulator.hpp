@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "backend/device.hpp"
+#include "precompute/layout.hpp"
 #include "precompute/solver_arrays.hpp"
 #include "precompute/time_step.hpp"
 #include "sim/force_path.hpp"
@@ -26,7 +27,7 @@ struct SimulatorOptions {
   double kappa = 0.075;
   double damping = 0;  // mass-proportional, 1/s
   KernelPath kernels = KernelPath::kAuto;
-  std::size_t n_bands = 0;  // 0: by the device's compute units
+  std::size_t n_bands = 0;                    // 0: by the device's compute units
   std::array<int, 3> axis_order{-1, -1, -1};  // see PrecomputeOptions
 };
 
@@ -45,8 +46,9 @@ struct RawState {
 // What changes from step to step, for n steps.
 struct StepInput {
   std::vector<double> activations;  // n x n_muscles, during each step
-  std::vector<double> values;       // n x Conditions::n_values(): loads and pressures during each
-                                    // step, prescribed values at its end
+  std::vector<double> values;       // n x Simulator::n_values(): loads and pressures during each
+                                    // step, prescribed values at its end,
+                                    // then poses (Sliding::kPoseValues)
   std::vector<double> keys;         // of the fields, from key first_key() to key last_key(n)
 };
 
@@ -123,9 +125,12 @@ class Simulator {
                                     const std::vector<double>& activations);
   // Loads, pressures and gravity, N, 3 per node.
   std::vector<double> external_force(const std::vector<double>& values);
-  // Of the sliding nodes; see Sliding::normals.
+  // Of the sliding nodes; see Sliding::normals and friction_losses.
   std::vector<double> sliding_normals() const {
     return sliding_ ? sliding_->normals() : std::vector<double>();
+  }
+  std::vector<double> friction_losses() const {
+    return sliding_ ? sliding_->friction_losses() : std::vector<double>();
   }
   ElementState element_state(const std::vector<double>& activations);
   // First node whose displacement is not finite, or -1.
@@ -136,6 +141,8 @@ class Simulator {
   const VoxelModel& model() const { return model_; }
   const SimulatorOptions& options() const { return options_; }
   const Conditions& conditions() const { return conditions_->given(); }
+  std::size_t n_pose_values() const { return sliding_given_.moving.size() * Sliding::kPoseValues; }
+  std::size_t n_values() const { return n_condition_values() + n_pose_values(); }
   bool uses_rows() const { return rows_; }
   // Device buffer of the displacement of now: [block][component][lane].
   const Buffer& displacement_buffer() const { return *u_[now_]; }
@@ -143,6 +150,14 @@ class Simulator {
   std::size_t device_bytes() const { return device_bytes_; }
 
  private:
+  std::size_t n_condition_values() const {
+    return static_cast<std::size_t>(conditions_->given().n_values());
+  }
+  // Columns of the step table: activations, conditions, poses.
+  std::int32_t pose_column() const {
+    return static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size()) +
+           NodalConditions::n_columns(conditions_->given());
+  }
   std::unique_ptr<Buffer> upload(const std::vector<double>& values, std::size_t at_least = 1);
   std::unique_ptr<Buffer> upload(const std::vector<std::int32_t>& values);
   void write_reals(Buffer& buffer, const std::vector<double>& values);

@@ -12,6 +12,8 @@ namespace {
 
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
+// Where the kernel takes the index of the step in the table.
+constexpr unsigned kStepIndex = 18;
 
 std::unique_ptr<Buffer> upload(Device& device, const std::vector<double>& values,
                                Precision precision) {
@@ -39,31 +41,57 @@ void check(const SlidingNodes& given, const VoxelModel& model) {
       throw InputError("sliding: node " + std::to_string(given.nodes[i]) + " does not exist");
     if (given.surface[i] < 0 ||
         given.surface[i] >= static_cast<std::int32_t>(given.surfaces.size()))
-      throw InputError("sliding: surface " + std::to_string(given.surface[i]) +
-                       " does not exist");
+      throw InputError("sliding: surface " + std::to_string(given.surface[i]) + " does not exist");
   }
+  for (const auto count : {given.friction.size(), given.release.size()})
+    if (count && count != given.nodes.size())
+      throw InputError("sliding: nodes and their friction or release differ in length");
+  for (const std::int32_t surface : given.moving)
+    if (surface < 0 || surface >= static_cast<std::int32_t>(given.surfaces.size()))
+      throw InputError("sliding: surface " + std::to_string(surface) + " does not exist");
 }
 
 }  // namespace
 
 Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const SolverArrays& arrays,
-                 Device& device, Program& program, Precision precision, bool vector_rows)
+                 Device& device, Program& program, Precision precision, bool vector_rows,
+                 std::int32_t pose_column)
     : device_(device),
       precision_(precision),
       n_nodes_(given.nodes.size()),
+      n_moving_(given.moving.size()),
       lanes_(arrays.lanes),
       order_(arrays.order) {
   check(given, model);
   const std::size_t lanes = lanes_;
-  n_rows_ = (n_nodes_ + lanes - 1) / lanes;
-  n_items_ = vector_rows ? n_rows_ : n_rows_ * lanes;
+  has_laws_ =
+      n_moving_ > 0 ||
+      std::any_of(given.friction.begin(), given.friction.end(), [](double f) { return f > 0; }) ||
+      std::any_of(given.release.begin(), given.release.end(), [](auto r) { return r != 0; });
+  // Surfaces that stand still, then each that moves: nodes of a row share the pose.
+  std::vector<std::size_t> motion(given.surfaces.size(), 0);
+  for (std::size_t m = 0; m < n_moving_; ++m) motion[given.moving[m]] = m + 1;
   // In the order of their slots, so that a row's nodes lie near each other in memory.
   std::vector<std::size_t> sorted(n_nodes_);
   for (std::size_t i = 0; i < n_nodes_; ++i) sorted[i] = i;
   std::sort(sorted.begin(), sorted.end(), [&](std::size_t a, std::size_t b) {
-    return arrays.node_slot[given.nodes[a]] < arrays.node_slot[given.nodes[b]];
+    const std::size_t ma = motion[given.surface[a]], mb = motion[given.surface[b]];
+    return ma != mb ? ma < mb : arrays.node_slot[given.nodes[a]] < arrays.node_slot[given.nodes[b]];
   });
   place_.resize(n_nodes_);
+  std::vector<std::size_t> node_at;  // of each place; n_nodes_: none
+  for (std::size_t i = 0; i < n_nodes_;) {
+    const std::size_t moves = motion[given.surface[sorted[i]]], first_row = node_at.size() / lanes;
+    for (; i < n_nodes_ && motion[given.surface[sorted[i]]] == moves; ++i) {
+      place_[sorted[i]] = node_at.size();
+      node_at.push_back(sorted[i]);
+    }
+    node_at.resize((node_at.size() + lanes - 1) / lanes * lanes, n_nodes_);
+    const std::size_t n_rows = node_at.size() / lanes - first_row;
+    const auto column = pose_column + static_cast<std::int32_t>((moves - 1) * kPoseValues);
+    groups_.push_back({first_row, vector_rows ? n_rows : n_rows * lanes, moves ? column : -1, {}});
+  }
+  n_rows_ = node_at.size() / lanes;
 
   Vec3 low{1e300, 1e300, 1e300}, high{-1e300, -1e300, -1e300};
   for (const std::int64_t node : given.nodes) {
@@ -71,13 +99,14 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     low = min(low, Vec3{at[0], at[1], at[2]});
     high = max(high, Vec3{at[0], at[1], at[2]});
   }
-  const Vec3 centre = 0.5 * (low + high);
-  const SurfaceGrids grids = make_surface_grids(given.surfaces, centre, arrays.order);
+  centre_ = 0.5 * (low + high);
+  const SurfaceGrids grids = make_surface_grids(given.surfaces, centre_, arrays.order);
 
   std::vector<double> rows(n_rows_ * SLIDE_ROWS * lanes, 0.0);
+  std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
   std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes, 0);
   const auto empty = static_cast<std::int32_t>(std::size_t(arrays.n_blocks) * 3 * lanes);
-  for (std::size_t place = 0; place < n_rows_ * lanes; ++place) {
+  for (std::size_t place = 0; place < node_at.size(); ++place) {
     const std::size_t row = place / lanes, lane = place % lanes;
     const auto put = [&](int k, double value) {
       rows[(row * SLIDE_ROWS + k) * lanes + lane] = value;
@@ -85,33 +114,40 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     const auto put_int = [&](int k, std::int32_t value) {
       ints[(row * SLIDE_INTS + k) * lanes + lane] = value;
     };
-    if (place >= n_nodes_) {
+    const auto put_law = [&](int k, double value) {
+      laws[(row * SLIDE_LAWS + k) * lanes + lane] = value;
+    };
+    if (node_at[place] == n_nodes_) {
       put_int(SLIDE_DOF, empty);
       put_int(SLIDE_SURFACE, -1);
-      put(SLIDE_RADIUS, 1);
+      put(SLIDE_RADIUS, 1e30);  // what a moving surface sees of the empty block is somewhere
       put(SLIDE_LIMIT, 1);
       continue;
     }
-    const std::size_t i = sorted[place];
-    place_[i] = place;
+    const std::size_t i = node_at[place];
     const std::int64_t node = given.nodes[i], slot = arrays.node_slot[node];
     put_int(SLIDE_DOF, static_cast<std::int32_t>(slot / lanes * 3 * lanes + slot % lanes));
     put_int(SLIDE_SURFACE, given.surface[i]);
     const auto at = model.position(node);
     std::int32_t free = 0;
     for (int a = 0; a < 3; ++a) {
-      put(SLIDE_PLACE + a, at[arrays.order[a]] - centre[arrays.order[a]]);
-      if (!model.fixed[3 * node + arrays.order[a]]) free |= 1 << a;
+      put(SLIDE_PLACE + a, at[arrays.order[a]] - centre_[arrays.order[a]]);
+      if (model.fixed[3 * node + arrays.order[a]]) continue;
+      free |= 1 << a;
+      if (has_laws_) put_law(SLIDE_MAY + a, 1);
     }
     put_int(SLIDE_FREE, free);
     // Where rows are no vectors each lane has its own.
-    if (free != 7)
+    if (free != 7 && motion[given.surface[i]] == 0)
       for (std::size_t l = 0; l < lanes; ++l)
         ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + l] |= 2;
     put(SLIDE_DISTANCE, given.distance[i]);
+    if (!given.friction.empty() && has_laws_) put_law(SLIDE_FRICTION, given.friction[i]);
+    if (!given.release.empty() && has_laws_) put_law(SLIDE_RELEASE, given.release[i] ? 1 : 0);
   }
   rows_ = reals(rows);
   ints_ = integers(ints);
+  laws_ = reals(laws);
   candidates_ = integers(std::vector<std::int32_t>(n_rows_ * lanes * SLIDE_CANDIDATES, 0));
   // A radius of 0: sought at the first step.
   candidate_reals_ = reals(std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
@@ -120,7 +156,22 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   grid_reals_ = reals(grids.grid_reals);
   cell_begin_ = integers(grids.cell_begin);
   cell_triangles_ = integers(grids.cell_triangles);
-  for (auto& kernel : kernel_) kernel = program.kernel("slide_nodes");
+  for (Group& group : groups_)
+    for (auto& kernel : group.kernel) kernel = program.kernel("slide_nodes");
+}
+
+void Sliding::fill_poses(const double* values, double* columns) const {
+  for (std::size_t m = 0; m < n_moving_; ++m)
+    for (int moment = 0; moment < 2; ++moment) {
+      const double* given = values + m * kPoseValues + moment * POSE_REALS;
+      double* pose = columns + m * kPoseValues + moment * POSE_REALS;
+      for (int a = 0; a < 3; ++a) {
+        const double* line = given + 4 * order_[a];
+        for (int b = 0; b < 3; ++b) pose[3 * a + b] = line[order_[b]];
+        pose[9 + a] = line[0] * centre_.x + line[1] * centre_.y + line[2] * centre_.z + line[3] -
+                      centre_[order_[a]];
+      }
+    }
 }
 
 std::unique_ptr<Buffer> Sliding::reals(const std::vector<double>& values) {
@@ -135,26 +186,37 @@ std::unique_ptr<Buffer> Sliding::integers(const std::vector<std::int32_t>& value
   return buffer;
 }
 
-void Sliding::bind(const Buffer* const (&u)[2]) {
-  for (int parity = 0; parity < 2; ++parity) {
-    unsigned index = 0;
-    for (const Buffer* buffer :
-         {u[parity], static_cast<const Buffer*>(rows_.get()),
-          static_cast<const Buffer*>(ints_.get()), static_cast<const Buffer*>(candidates_.get()),
-          static_cast<const Buffer*>(candidate_reals_.get()),
-          static_cast<const Buffer*>(triangles_.get()), static_cast<const Buffer*>(grids_.get()),
-          static_cast<const Buffer*>(grid_reals_.get()),
-          static_cast<const Buffer*>(cell_begin_.get()),
-          static_cast<const Buffer*>(cell_triangles_.get())})
-      kernel_[parity]->set_arg(index++, *buffer);
-    kernel_[parity]->set_arg(index, static_cast<std::int32_t>(n_items_));
+void Sliding::bind(const Buffer* const (&u)[2], const Buffer& step_table, std::int32_t step_reals) {
+  for (Group& group : groups_)
+    for (int parity = 0; parity < 2; ++parity) {
+      Kernel& kernel = *group.kernel[parity];
+      unsigned index = 0;
+      for (const Buffer* buffer :
+           {u[parity], u[1 - parity], static_cast<const Buffer*>(rows_.get()),
+            static_cast<const Buffer*>(ints_.get()), static_cast<const Buffer*>(laws_.get()),
+            static_cast<const Buffer*>(candidates_.get()),
+            static_cast<const Buffer*>(candidate_reals_.get()),
+            static_cast<const Buffer*>(triangles_.get()), static_cast<const Buffer*>(grids_.get()),
+            static_cast<const Buffer*>(grid_reals_.get()),
+            static_cast<const Buffer*>(cell_begin_.get()),
+            static_cast<const Buffer*>(cell_triangles_.get()), &step_table})
+        kernel.set_arg(index++, *buffer);
+      for (const auto value :
+           {static_cast<std::int32_t>(group.n_items), static_cast<std::int32_t>(group.first_row),
+            std::int32_t(has_laws_), group.pose_column, step_reals})
+        kernel.set_arg(index++, value);
+    }
+}
+
+void Sliding::enqueue(int next, std::int32_t step_index) {
+  for (Group& group : groups_) {
+    group.kernel[next]->set_arg(kStepIndex, step_index);
+    group.kernel[next]->enqueue(group.n_items, kGroup);
   }
 }
 
-void Sliding::enqueue(int next) { kernel_[next]->enqueue(n_items_, kGroup); }
-
-std::vector<double> Sliding::normals() const {
-  const std::size_t lanes = lanes_, count = n_rows_ * SLIDE_ROWS * lanes;
+std::vector<double> Sliding::read_rows() const {
+  const std::size_t count = n_rows_ * SLIDE_ROWS * std::size_t(lanes_);
   std::vector<double> rows(count);
   device_.finish();
   if (precision_ == Precision::kDouble) {
@@ -164,6 +226,12 @@ std::vector<double> Sliding::normals() const {
     rows_->read(narrow.data(), count * sizeof(float));
     std::copy(narrow.begin(), narrow.end(), rows.begin());
   }
+  return rows;
+}
+
+std::vector<double> Sliding::normals() const {
+  const std::size_t lanes = lanes_;
+  const auto rows = read_rows();
   std::vector<double> result(3 * n_nodes_);
   for (std::size_t i = 0; i < n_nodes_; ++i) {
     const std::size_t row = place_[i] / lanes, lane = place_[i] % lanes;
@@ -175,6 +243,16 @@ std::vector<double> Sliding::normals() const {
     }
     for (int a = 0; a < 3 && length > 0; ++a) result[3 * i + a] /= std::sqrt(length);
   }
+  return result;
+}
+
+std::vector<double> Sliding::friction_losses() const {
+  std::vector<double> result(n_nodes_, 0.0);
+  if (!has_laws_) return result;
+  const std::size_t lanes = lanes_;
+  const auto rows = read_rows();
+  for (std::size_t i = 0; i < n_nodes_; ++i)
+    result[i] = rows[(place_[i] / lanes * SLIDE_ROWS + SLIDE_LOSS) * lanes + place_[i] % lanes];
   return result;
 }
 

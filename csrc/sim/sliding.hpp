@@ -1,5 +1,5 @@
-// Nodes that slide on surfaces, on a device: the arrays of kernels_cl/sliding_layout.cl and the kernel
-// that comes last in each step.
+// Nodes that slide on surfaces, on a device: the arrays of kernels_cl/sliding_layout.cl and the
+// kernel that comes last in each step.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -17,35 +17,59 @@ struct SlidingNodes {
   std::vector<double> distance;        // m, to be kept; negative behind the surface
   std::vector<std::int32_t> surface;   // of each node
   std::vector<TriangleMesh> surfaces;  // welded and oriented
+  // Coefficient, and whether it may leave its surface, of each node; empty: none.
+  std::vector<double> friction;
+  std::vector<std::uint8_t> release;
+  // Surfaces that move, in the order of their poses; all others stand still.
+  std::vector<std::int32_t> moving;
   bool empty() const { return nodes.empty(); }
 };
 
 class Sliding {
  public:
+  // pose_column: of the step table, where the poses of moving surfaces begin.
   Sliding(const SlidingNodes& given, const VoxelModel& model, const SolverArrays& arrays,
-          Device& device, Program& program, Precision precision, bool vector_rows);
+          Device& device, Program& program, Precision precision, bool vector_rows,
+          std::int32_t pose_column);
+
+  // Values a step that poses take: of each moving surface one at its begin, one at its end, 3 x 4
+  // row by row, x = rotation . X + translation in the frame of VoxelModel::position.
+  static constexpr std::size_t kPoseValues = 24;
+  // Turns them into the kernel's axes and origin.
+  void fill_poses(const double* values, double* columns) const;
 
   std::size_t bytes() const { return bytes_; }
   // Puts the nodes of a displacement back to their distances.
-  void bind(const Buffer* const (&u)[2]);
-  void enqueue(int next);
-  // Unit normals of the surfaces at the nodes when they were last moved, 3 a node in the order given,
-  // zero in held components: where their reactions point.
+  void bind(const Buffer* const (&u)[2], const Buffer& step_table, std::int32_t step_reals);
+  void enqueue(int next, std::int32_t step_index);
+  // Unit normals of the surfaces at the nodes when they were last moved, 3 a node in the order
+  // given, zero in held components: where their reactions point.
   std::vector<double> normals() const;
+  // What friction took from each node since this was made, J for each kg of its mass.
+  std::vector<double> friction_losses() const;
 
  private:
+  // Rows of nodes whose surfaces stand still, or move as one.
+  struct Group {
+    std::size_t first_row, n_items;
+    std::int32_t pose_column;
+    std::unique_ptr<Kernel> kernel[2];
+  };
   std::unique_ptr<Buffer> reals(const std::vector<double>& values);
   std::unique_ptr<Buffer> integers(const std::vector<std::int32_t>& values);
+  std::vector<double> read_rows() const;
 
   Device& device_;
   Precision precision_;
-  std::size_t bytes_ = 0, n_nodes_, n_rows_, n_items_;
+  std::size_t bytes_ = 0, n_nodes_, n_rows_ = 0, n_moving_;
   int lanes_;
+  bool has_laws_;
   std::array<int, 3> order_;
+  Vec3 centre_;
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
-  std::unique_ptr<Buffer> rows_, ints_, candidates_, candidate_reals_, triangles_, grids_,
+  std::vector<Group> groups_;
+  std::unique_ptr<Buffer> rows_, ints_, laws_, candidates_, candidate_reals_, triangles_, grids_,
       grid_reals_, cell_begin_, cell_triangles_;
-  std::unique_ptr<Kernel> kernel_[2];
 };
 
 // Squared distance and nearest triangle of points (3 each) as the device's grid search finds them.

@@ -93,8 +93,7 @@ StepLimiter::StepLimiter(const Simulator& sim)
 
 StepLimiter::~StepLimiter() = default;
 
-double StepLimiter::highest_square(const std::vector<double>& u,
-                                   const std::vector<double>& past,
+double StepLimiter::highest_square(const std::vector<double>& u, const std::vector<double>& past,
                                    const std::vector<double>& activations,
                                    const std::vector<double>& node_squares) {
   const std::size_t n = u.size();

@@ -23,9 +23,10 @@ class StepLimiter {
   ~StepLimiter();
 
   // Estimate of the limit at displacement u, after the past of the simulator's laws (its rows as
-  // Simulator::history gives them; empty without any). `reach_low`, `reach_high`: see StiffnessState; they
-  // allow for what the fibres' stretch does until the next look. The iteration is run again
-  // only when the estimate scaled from the last one is below `enough` (0: never; infinite: always).
+  // Simulator::history gives them; empty without any). `reach_low`, `reach_high`: see
+  // StiffnessState; they allow for what the fibres' stretch does until the next look. The iteration
+  // is run again only when the estimate scaled from the last one is below `enough` (0: never;
+  // infinite: always).
   //
   // Scaling: eigenvalues above the last estimate come from nodes whose own bound is above it;
   // while those have hardly grown, so has the operator. Constitutive laws beyond the

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from tledface.errors import InputError as InputError
     from tledface.errors import SimulationError as SimulationError
     from tledface.model import Model as Model
+    from tledface.motion import RigidMotion as RigidMotion
     from tledface.scene import Scene as Scene
     from tledface.schedule import ramp as ramp
     from tledface.simulator import Simulator as Simulator
@@ -33,6 +34,7 @@ _HOMES = {
     "material": "tledface.constitutive",
     "materials": "tledface.constitutive",
     "metrics": "tledface.metrics",
+    "RigidMotion": "tledface.motion",
     "ramp": "tledface.schedule",
 }
 _MODULES = {"metrics"}

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
+from tledface._frame import frame_origin
 from tledface.conditions import prescribed_mask
 from tledface.errors import InputError
 from tledface.muscle import CALCIUM_BETA
@@ -26,18 +27,14 @@ def core_sliding(model: Model) -> _core.SlidingNodes | None:
     if not len(sliding):
         return None
     core = _core.SlidingNodes()
-    origin = _frame_origin(model)
+    origin = frame_origin(model)
     for surface in sliding.surfaces:
         core.add_surface(surface.vertices - origin, surface.faces)
     core.set_nodes(sliding.nodes, sliding.surface, sliding.distance)
+    if sliding.friction.any() or sliding.release.any():
+        core.set_laws(sliding.friction, sliding.release.astype(np.uint8))
+    core.set_moving(np.asarray(sliding.moving, dtype=np.int32))
     return core
-
-
-def _frame_origin(model: Model) -> NDArray[np.float64]:
-    """Where the core's positions count from: bodies may lie metres from their origin."""
-    if model.is_conforming:
-        return np.asarray(0.5 * (model.nodes.min(axis=0) + model.nodes.max(axis=0)))
-    return model.origin
 
 
 # Corner 1 x + 2 y + 4 z of the core among the corners in VTK order.
@@ -92,7 +89,7 @@ def core_model(
     )
     if model.is_conforming:
         core.set_hexahedra(
-            positions=model.nodes - _frame_origin(model),
+            positions=model.nodes - frame_origin(model),
             corners=model.elements[:, _CORNERS_BY_BITS],
         )
     fill = model.fill

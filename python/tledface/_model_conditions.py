@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from numbers import Real
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -20,6 +22,7 @@ from tledface.conditions import (
     prescribed_of,
 )
 from tledface.errors import InputError
+from tledface.motion import Motion, checked_motion
 from tledface.sliding import NodeGroup, Sliding, SlidingSurface
 
 if TYPE_CHECKING:
@@ -106,7 +109,13 @@ class ConditionsMixin:
         self._end_sliding()
 
     def slide(
-        self, where: Where, surface: trimesh.Trimesh, name: str | None = None
+        self,
+        where: Where,
+        surface: trimesh.Trimesh,
+        name: str | None = None,
+        *,
+        friction: float = 0.0,
+        release: bool = False,
     ) -> NDArray[np.float64]:
         """Let nodes slide on a surface at the distance that each has now.
 
@@ -115,14 +124,18 @@ class ConditionsMixin:
             surface: Triangles in m and the model's frame, open or closed; equal vertices are
                 merged.
             name: Name of the surface in `sliding`; None: "surface 1" and so on.
+            friction: Coulomb's coefficient, with the force that keeps the distance as the normal
+                one, pull or push.
+            release: Whether the nodes may leave the surface (no retaining ligament): they are
+                kept from coming nearer than now, and from nothing else.
 
         Returns:
             (n,) m, the distances of the selected nodes in rising order, negative behind the
             surface.
 
         Raises:
-            InputError: ``where`` is no such mask or selects nothing, no such surface, or another
-                one has that name.
+            InputError: ``where`` is no such mask or selects nothing, no such surface, another
+                one has that name, or a friction below 0.
 
         Components held or prescribed stay so (a symmetry plane that meets a bone), but a node of
         which all three are is released from them: the last call holds. Nodes that slide elsewhere
@@ -138,14 +151,44 @@ class ConditionsMixin:
                 number += 1
         if not isinstance(name, str) or not name.strip():
             raise InputError(f"slide: name must be a non-empty text, got {name!r}")
+        if not (isinstance(friction, Real) and math.isfinite(friction) and friction >= 0.0):
+            raise InputError(f"slide: friction: got {friction!r}; allowed: a number, 0 or more")
+        if not isinstance(release, (bool, np.bool_)):
+            raise InputError(f"slide: release: got {release!r}; allowed: True or False")
         ground = SlidingSurface.of(name, surface)
         nodes = np.flatnonzero(mask)
         found = _core.nearest_surfaces([(ground.vertices, ground.faces)], self.nodes[nodes], 0.0)
-        self._slide(nodes, found["distance"], ground)
+        self._slide(nodes, found["distance"], ground, friction=float(friction), release=release)
         return found["distance"]
 
-    def _slide(self, nodes: NDArray[np.int64], distance: Floats, ground: SlidingSurface) -> None:
-        self.sliding = self.sliding.having(nodes, distance, ground)
+    def move_surface(self, name: str, motion: Motion) -> None:
+        """Move a surface that nodes slide on, such as a jaw, as a rigid body.
+
+        Args:
+            name: The surface's name in `sliding`.
+            motion: `tledface.RigidMotion`, or ``callable(t)`` that gives the pose at t (s), (3, 4)
+                or (4, 4): x = rotation . X + translation, m. The identity at t = 0.
+
+        Raises:
+            InputError: no surface of that name, or no such motion.
+
+        Example: ``model.move_surface("jaw", tf.RigidMotion(hinge, (1, 0, 0), 0.2, share=opening))``
+        """
+        motion = checked_motion(motion, f"move_surface {name!r}")
+        self.sliding = self.sliding.with_motion(name, motion)
+
+    def _slide(
+        self,
+        nodes: NDArray[np.int64],
+        distance: Floats,
+        ground: SlidingSurface,
+        *,
+        friction: float = 0.0,
+        release: bool = False,
+    ) -> None:
+        self.sliding = self.sliding.having(
+            nodes, distance, ground, friction=friction, release=bool(release)
+        )
         held = self.fixed | prescribed_mask(cast("Model", self))
         rigid = nodes[held[nodes].all(axis=1)]
         for component in range(3):

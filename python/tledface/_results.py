@@ -57,16 +57,16 @@ class Results:
                 Components of them that are neither fixed nor prescribed add nothing.
 
         The forces of elements, loads and gravity on the nodes, with the sign turned; the inertia
-        of prescribed nodes that move is left out. Of sliding nodes what their surfaces take, along
-        the normals of the last step.
+        of prescribed nodes that move is left out. Of sliding nodes what their surfaces take: along
+        the normals of the last step, and what friction holds.
 
         Raises:
             InputError: ``where`` selects no node, or none that is held.
         """
         mask = self.model._select(where, self.model.nodes, "reaction: where", "node")
         held = (self.model.fixed | prescribed_mask(self.model)) & mask[:, None]
-        sliding = self.model.sliding.nodes
-        slides = mask[sliding]
+        sliding = self.model.sliding
+        slides = mask[sliding.nodes]
         if not (held.any() or slides.any()):
             raise InputError("reaction: none of the selected nodes is fixed, prescribed or slides")
         force = self.internal_force() - self.external_force()

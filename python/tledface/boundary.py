@@ -8,6 +8,7 @@ slides on the one that the scene lists first.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from tledface import _core
 from tledface.errors import InputError
 from tledface.geometry.lines import near_lines, read_lines
+from tledface.motion import RigidMotion
 from tledface.sliding import GROUP_KINDS, NodeGroup, SlidingSurface
 
 if TYPE_CHECKING:
@@ -132,6 +134,7 @@ def bind_boundary(
                 "boundary.sliding: no node slides; no outermost node lies near a bone of "
                 f"{', '.join(spec.on)} that faces the skin: check on, facing, reach and boxes"
             )
+    _move(model, scene)
     model.groups += [claim.group for claim in held]
     model.groups.sort(key=_precedence)
     rigid = model.fixed.all(axis=1)
@@ -248,6 +251,20 @@ def _symmetry(model: Model, scene: Scene) -> list[_Claim]:
     return claims
 
 
+def _move(model: Model, scene: Scene) -> None:
+    known = [surface.name for surface in model.sliding.surfaces]
+    for spec in scene.boundary.motions:
+        if spec.bone not in known:
+            there = ", ".join(map(repr, known)) if known else "none"
+            raise InputError(
+                f"boundary.motions: got bone {spec.bone!r}; bones that nodes slide on: {there}"
+            )
+        motion = RigidMotion(
+            spec.about, spec.axis, math.radians(spec.degrees), spec.shift, spec.share
+        )
+        model.move_surface(spec.bone, motion)
+
+
 def _slide(
     model: Model,
     spec: SlidingSpec,
@@ -296,7 +313,9 @@ def _slide(
             model.groups.append(NodeGroup("fixed", bone.name, nodes))
             continue
         ground = SlidingSurface(bone.name, bone.vertices, bone.faces)
-        model._slide(nodes, found["distance"][here], ground)
+        model._slide(
+            nodes, found["distance"][here], ground, friction=spec.friction, release=spec.release
+        )
         model.groups.append(NodeGroup("sliding", bone.name, nodes))
     n_tied = np.count_nonzero(np.logical_and(slides, found["tied"]))
     twice.append(

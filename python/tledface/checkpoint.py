@@ -10,7 +10,6 @@ the process or the disk, a file under its final name is complete.
 
 from __future__ import annotations
 
-import dataclasses
 import io
 import json
 import math
@@ -29,7 +28,8 @@ from tledface.conditions import Values
 from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
 from tledface.io.model_file import UNITS, read_model, write_model
-from tledface.schedule import Constant, Keyframes, Ramp, Schedule
+from tledface.io.schedules import read_schedule, write_schedule
+from tledface.schedule import Schedule
 from tledface.time_step import scaling_of
 
 if TYPE_CHECKING:
@@ -40,7 +40,6 @@ __all__ = ["FORMAT", "VERSION", "DamagedCheckpoint", "read_notes", "restore", "s
 FORMAT = "tledface checkpoint"
 VERSION = 1
 
-_SCHEDULES: dict[str, type] = {"constant": Constant, "ramp": Ramp, "keyframes": Keyframes}
 # When the simulator next looks at the state, and what it found last: looks may change dt.
 _WATCH = ("check_interval", "until_check", "last_bound", "stiffest", "expected", "warned", "stale")
 _DEVICE = ("id", "name", "platform", "driver")
@@ -192,20 +191,12 @@ def _read(
 
 
 def _write_schedules(sim: Simulator, group: h5py.Group) -> None:
-    kinds = {schedule: kind for kind, schedule in _SCHEDULES.items()}
     for number, (muscle, schedule) in enumerate(
         zip(sim.model.muscles, sim._schedules, strict=True)
     ):
         entry = group.create_group(str(number))
         entry.attrs["muscle"] = muscle.name
-        entry.attrs["kind"] = kinds.get(type(schedule), "function")
-        if type(schedule) in kinds:
-            for field in dataclasses.fields(schedule):  # type: ignore[arg-type]
-                value = getattr(schedule, field.name)
-                if isinstance(value, tuple):
-                    entry[field.name] = np.asarray(value, dtype=np.float64)
-                else:
-                    entry.attrs[field.name] = value
+        write_schedule(schedule, entry)
 
 
 def _read_schedules(
@@ -216,17 +207,16 @@ def _read_schedules(
     found: dict[str, float | Callable[[float], float] | Schedule] = {}
     for number in range(len(group)):
         entry = group[str(number)]
-        values = {key: _plain(value) for key, value in entry.attrs.items()}
-        muscle, kind = values.pop("muscle"), values.pop("kind")
+        muscle = str(entry.attrs["muscle"])
         if muscle in activations:
             continue
-        if kind not in _SCHEDULES:
+        schedule = read_schedule(entry)
+        if schedule is None:
             raise InputError(
                 f"checkpoint {path}: the activation of {muscle!r} was a callable, which no file "
                 f"can hold; give it again: restore(..., activations={{{muscle!r}: f}})"
             )
-        values |= {key: tuple(data[()].tolist()) for key, data in entry.items()}
-        found[muscle] = _SCHEDULES[kind](**values)
+        found[muscle] = schedule
     return found | dict(activations)
 
 

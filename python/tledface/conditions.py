@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
+from tledface._frame import core_pose
 from tledface.errors import InputError
+from tledface.motion import pose_at
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -140,9 +142,10 @@ class Values:
 class Sampler:
     """The conditions of a model as channels of a core simulator.
 
-    Channels are ordered loads, pressures, prescribed components. ``weight_density`` (n_elem,)
-    kg/m3: gravity acts as a force on this density instead of as an acceleration. Functions of
-    time are called with ``time_scaling`` times the simulated time that the methods take.
+    Channels are ordered loads, pressures, prescribed components, poses of surfaces.
+    ``weight_density`` (n_elem,) kg/m3: gravity acts as a force on this density instead of as an
+    acceleration. Functions of time are called with ``time_scaling`` times the simulated time that
+    the methods take.
     """
 
     model: Model
@@ -171,11 +174,15 @@ class Sampler:
         for record in self._fields:
             self.core.add_fields(3 * record.nodes + record.component)
         self._positions = [model.nodes[record.nodes] for record in self._fields]
+        surfaces = [model.sliding.surfaces[n] for n in model.sliding.moving]
+        self._motions = [(s.name, s.motion) for s in surfaces if s.motion is not None]
 
     @property
     def is_empty(self) -> bool:
         """Whether there is nothing to sample."""
-        return not (self._loads or self._pressures or self._scalars or self._fields)
+        return not (
+            self._loads or self._pressures or self._scalars or self._fields or self._motions
+        )
 
     @property
     def has_fields(self) -> bool:
@@ -209,6 +216,46 @@ class Sampler:
         """Prescribed values that nodes share, m, at time ``t`` (s)."""
         t *= self.time_scaling
         return np.array([record.scalar(t) for record in self._scalars], dtype=np.float64)
+
+    def channels(self, begin: float, end: float) -> Floats:
+        """All values of a step between two times (s), or of one moment."""
+        return np.concatenate([self.loads(begin), self.scalars(end), self.poses(begin, end)])
+
+    def channels_of_rest(self) -> Floats:
+        """The values where nothing acts."""
+        rest = [np.eye(3, 4).ravel()] * (2 * len(self._motions))
+        values = np.zeros(len(self._loads) + len(self._pressures) + len(self._scalars))
+        return np.concatenate([values, *rest])
+
+    def poses(self, begin: float, end: float) -> Floats:
+        """Poses of the surfaces that move, in the core's frame: 12 at each time (s) for each."""
+        return np.concatenate(
+            [
+                core_pose(self.model, pose_at(motion, t * self.time_scaling, f"motion {name!r}"))
+                for name, motion in self._motions
+                for t in (begin, end)
+            ]
+            or [np.empty((0, 4))]
+        ).ravel()
+
+    def carried(self, x: Floats, begin: float, end: float) -> tuple[Nodes, Floats]:
+        """Nodes on surfaces that move, and the ways (n, 3) m of the surface where they are.
+
+        Args:
+            x: (n_nodes, 3) m, where nodes are at ``begin``.
+            begin, end: s.
+        """
+        sliding = self.model.sliding
+        ways = np.zeros((len(sliding), 3))
+        for index in sliding.moving:
+            motion, on = sliding.surfaces[index].motion, sliding.surface == index
+            assert motion is not None
+            here, there = (pose_at(motion, t * self.time_scaling, "motion") for t in (begin, end))
+            at = x[sliding.nodes[on]]
+            material = (at - here[:, 3]) @ here[:, :3]
+            ways[on] = material @ there[:, :3].T + there[:, 3] - at
+        moves = np.isin(sliding.surface, sliding.moving)
+        return sliding.nodes[moves], ways[moves]
 
     def fields(self, t: float) -> Floats:
         """Prescribed values of each node of the fields, m, at time ``t`` (s)."""

@@ -25,7 +25,7 @@ from tledface import device as device_module
 from tledface._core_model import core_model
 from tledface.conditions import Values, prescribed_mask
 from tledface.errors import InputError
-from tledface.sliding import tangential
+from tledface.sliding import Sliding, tangential
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -74,7 +74,7 @@ class EnergyLedger:
         past: The model has laws with a past: their forces come from ``core``, which knows it.
         damping: 1/s.
         held: (n_nodes, 3), fixed or prescribed components.
-        sliding: (n,) nodes that slide: their surfaces do no work.
+        sliding: Nodes that slide: surfaces that stand still do no work but by friction.
         name_of: Name of an element's tissue or muscle.
         volume: (n_elem,) m3.
     """
@@ -88,7 +88,7 @@ class EnergyLedger:
         past: bool,
         damping: float,
         held: NDArray[np.bool_],
-        sliding: NDArray[np.int64],
+        sliding: Sliding,
         name_of: Callable[[int], str],
         volume: Floats,
     ) -> None:
@@ -103,20 +103,25 @@ class EnergyLedger:
         """Begin anew with the next entry."""
         self._last: _Entry | None = None
         self._start = self._muscle = self._external = self._dissipated = 0.0
+        # The core counts from when it was made.
+        self._rubbed, self._rubbed_before = 0.0, self._rubbed_in_core()
         self._turnover = self._largest = 0.0
         self._entries = 0
         self._warned: set[str] = set()
         self._last_time = math.nan
 
-    def enter(self, now: Values, prescribed_next: Floats) -> dict[str, float]:
+    def enter(
+        self, now: Values, prescribed_next: Floats, carried: tuple[NDArray[np.int64], Floats]
+    ) -> dict[str, float]:
         """Enter the state of now and return the energies, J.
 
         Args:
             now: Activations and channels of this moment.
             prescribed_next: (n_nodes, 3) displacement of held components after the next step;
                 other components are not read.
+            carried: (n,) nodes on surfaces that move, (n, 3) the surface's ways in the next step.
         """
-        entry = self._evaluate(now, prescribed_next)
+        entry = self._evaluate(now, prescribed_next, carried)
         time = float(self._core.time)
         total = entry.kinetic + entry.strain + entry.hourglass
         if self._last is None:
@@ -130,7 +135,11 @@ class EnergyLedger:
             stored = self._last.kinetic + self._last.strain + self._last.hourglass
             self._turnover += abs(total - stored)
         self._last, self._last_time = entry, time
+        in_core = self._rubbed_in_core()
+        self._rubbed += in_core - self._rubbed_before
+        self._rubbed_before = in_core
         error = total - self._start - self._external - self._muscle + self._dissipated
+        error += self._rubbed
         self._largest = max(self._largest, abs(total), abs(self._external), abs(self._muscle))
         self._watch(entry, error)
         return {
@@ -139,6 +148,7 @@ class EnergyLedger:
             "hourglass": entry.hourglass,
             "muscle_work": self._muscle,
             "damping": self._dissipated,
+            "friction": self._rubbed,
             "external": self._external,
             "error": error,
         }
@@ -154,6 +164,7 @@ class EnergyLedger:
                 self._turnover,
                 self._largest,
                 self._last_time,
+                self._rubbed,
             ]
         )
         if self._last is None:
@@ -177,7 +188,10 @@ class EnergyLedger:
             self._turnover,
             self._largest,
             self._last_time,
+            *rubbed,
         ) = map(float, state["sums"])
+        # Files of before there was friction have none.
+        self._rubbed = rubbed[0] if rubbed else 0.0
         if "stored" in state:
             kinetic, strain, hourglass, power = map(float, state["stored"])
             arrays = {key: np.asarray(state[key]) for key in ("u", "external", "muscle")}
@@ -190,7 +204,13 @@ class EnergyLedger:
                 **arrays,
             )
 
-    def _evaluate(self, now: Values, prescribed_next: Floats) -> _Entry:
+    def _rubbed_in_core(self) -> float:
+        losses = np.asarray(self._core.friction_losses())
+        return float((losses * self._mass[self._sliding.nodes, 0]).sum()) if len(losses) else 0.0
+
+    def _evaluate(
+        self, now: Values, prescribed_next: Floats, carried: tuple[NDArray[np.int64], Floats]
+    ) -> _Entry:
         core, dt = self._core, float(self._core.dt)
         u = np.asarray(core.displacement())
         self._host.set_state(u, np.empty(0), 0.0)
@@ -215,10 +235,17 @@ class EnergyLedger:
         else:
             after = (before * (1 - half) + acceleration * dt) / (1 + half)
             after = np.where(self._held, (prescribed_next - u) / dt, after)
+        # A surface that moves takes its nodes along its normal.
+        nodes, ways = carried
+        normal = normals[np.searchsorted(self._sliding.nodes, nodes)]
+        lacking = ((ways / dt - after[nodes]) * normal).sum(axis=1, keepdims=True)
+        after[nodes] += np.where(self._held[nodes], 0.0, lacking * normal)
         # Supports give held components the motion they have: their force from its equation.
         mean = 0.5 * (before + after)
         inertia = self._mass * ((after - before) / dt + self._damping * mean)
         external = np.where(self._held, inertia + internal, loads)
+        lacking = ((inertia + internal - loads)[nodes] * normal).sum(axis=1, keepdims=True)
+        external[nodes] += np.where(self._held[nodes], 0.0, lacking * normal)
         state = core.element_state(now.activations)
         hourglass = np.asarray(state["hourglass_density"]) * self._volume
         return _Entry(
@@ -296,7 +323,7 @@ def ledger_of(
         past=bool(model.law_rows()),
         damping=options["damping"],
         held=model.fixed | prescribed_mask(model),
-        sliding=model.sliding.nodes,
+        sliding=model.sliding,
         name_of=name_of,
         volume=model.volumes,
     )

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tledface import _core
 from tledface.conditions import Values
 from tledface.errors import SimulationError
-from tledface.sliding import tangential
+from tledface.sliding import Sliding, tangential
 
 __all__ = ["Equilibrium", "relax"]
 
@@ -83,7 +83,7 @@ class _Balance:
         target: Values,
         free: NDArray[np.bool_],
         moved: NDArray[np.bool_],
-        sliding: NDArray[np.int64],
+        sliding: Sliding,
     ) -> None:
         self.u = np.asarray(core.displacement())
         internal = np.asarray(core.internal_force(target.activations))
@@ -107,8 +107,9 @@ def relax(
     core: _core.Simulator,
     held: NDArray[np.bool_],
     prescribed: NDArray[np.bool_],
-    sliding: NDArray[np.int64],
+    sliding: Sliding,
     edge: float,
+    extent: float,
     start: Values,
     target: Values,
     tolerance: float,
@@ -120,7 +121,7 @@ def relax(
         core: The simulator.
         held: (n_nodes, 3), components that are fixed or prescribed.
         prescribed: (n_nodes, 3), those that are prescribed.
-        sliding: (n,) nodes that slide.
+        sliding: Nodes that slide.
         edge: Smallest edge of a voxel, m.
         start: What the state answers to so far; conditions go from there to ``target``.
         target: Activations, channels and fields of the equilibrium.
@@ -131,8 +132,9 @@ def relax(
         SimulationError: the state is no longer finite.
     """
     n_shared = core.n_prescribed
-    shared = slice(len(target.channels) - n_shared, None)
-    ramp = _ramp_steps(start, target, shared, edge)
+    behind = len(target.channels) - core.n_pose_values
+    shared = slice(behind - n_shared, behind)
+    ramp = _ramp_steps(start, target, shared, slice(behind, None), edge, extent)
     if n_shared or len(target.fields):
         core.set_prescribed(start.channels[shared], start.fields)
     mass = _SPARE * np.asarray(core.relaxation_masses())
@@ -210,10 +212,18 @@ def relax(
     return Equilibrium(converged, residual, error, steps, reference, ended, kept)
 
 
-def _ramp_steps(start: Values, target: Values, shared: slice, edge: float) -> int:
+def _ramp_steps(
+    start: Values, target: Values, shared: slice, posed: slice, edge: float, extent: float
+) -> int:
     """Pseudo-steps over which the conditions change."""
+    turned = (target.channels[posed] - start.channels[posed]).reshape(-1, 4)
     moves = np.concatenate(
-        [target.channels[shared] - start.channels[shared], target.fields - start.fields]
+        [
+            target.channels[shared] - start.channels[shared],
+            target.fields - start.fields,
+            turned[:, 3],
+            extent * abs(turned[:, :3]).sum(axis=1),
+        ]
     )
     changes = [target.activations - start.activations, target.channels - start.channels, moves]
     if not any(change.any() for change in changes):

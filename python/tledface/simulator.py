@@ -274,8 +274,9 @@ class Simulator(Results):
             self._core,
             held=self.model.fixed | prescribed,
             prescribed=prescribed,
-            sliding=self.model.sliding.nodes,
+            sliding=self.model.sliding,
             edge=self.model.shortest_edge,
+            extent=float(np.ptp(self.model.nodes, axis=0).max()),
             start=start,
             target=target,
             tolerance=float(tolerance),
@@ -333,10 +334,10 @@ class Simulator(Results):
         """The ledger's last entry, J: at most ``energy_every`` steps old.
 
         ``kinetic``, ``strain`` (without muscles) and ``hourglass`` are what the body holds;
-        ``muscle_work`` (active and passive tension), ``external`` (loads, gravity, supports that
-        move) what was done on it since the ledger began, ``damping`` what was lost. ``error`` =
-        change of what it holds - external - muscle_work + damping. The ledger begins anew with
-        `set_state` and `relax`.
+        ``muscle_work`` (active and passive tension), ``external`` (loads, gravity, supports and
+        surfaces that move) what was done on it since the ledger began, ``damping`` and
+        ``friction`` what was lost. ``error`` = change of what it holds - external - muscle_work +
+        damping + friction. The ledger begins anew with `set_state` and `relax`.
 
         Raises:
             InputError: there is no ledger.
@@ -418,10 +419,7 @@ class Simulator(Results):
         if not sampler.is_empty:
             times = [self._core.time_after(step) for step in range(n + 1)]
             channels = np.array(
-                [
-                    np.concatenate([sampler.loads(start), sampler.scalars(end)])
-                    for start, end in itertools.pairwise(times)
-                ]
+                [sampler.channels(start, end) for start, end in itertools.pairwise(times)]
             )
             if sampler.has_fields:
                 span = range(self._core.first_key(), self._core.last_key(n) + 1)
@@ -440,14 +438,16 @@ class Simulator(Results):
         sampler, model = self._conditions, self.model
         next_u = np.zeros((model.n_nodes, 3))
         sampler.put_prescribed(next_u, self._core)
-        self._energies = ledger.enter(self._values_now(), next_u)
+        times = (self.time, float(self._core.time_after(1)))
+        carried = sampler.carried(model.nodes + self.u, *times)
+        self._energies = ledger.enter(self._values_now(), next_u, carried)
         self._until_entry = self._energy_every or 0
 
     def _values_now(self) -> Values:
         sampler, now = self._conditions, self.time
         return Values(
             self._activations_now(),
-            np.concatenate([sampler.loads(now), sampler.scalars(now)]),
+            sampler.channels(now, now),
             sampler.fields(now),
         )
 
@@ -455,7 +455,7 @@ class Simulator(Results):
         now = self._values_now()
         return Values(
             np.zeros_like(now.activations),
-            np.zeros_like(now.channels),
+            self._conditions.channels_of_rest(),
             np.zeros_like(now.fields),
         )
 

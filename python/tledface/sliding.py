@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import trimesh
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface.errors import InputError
+from tledface.motion import Motion
 
 __all__ = [
     "GROUP_KINDS",
@@ -46,11 +47,13 @@ class SlidingSurface:
         vertices: (nv, 3) float64, m, in the model's frame.
         faces: (nf, 3) int32; distances count positive on the side that sees them
             counter-clockwise.
+        motion: Pose of time, see `Model.move_surface`; None: it stands still.
     """
 
     name: str
     vertices: Floats
     faces: NDArray[np.int32]
+    motion: Motion | None = None
 
     @classmethod
     def of(cls, name: str, surface: trimesh.Trimesh) -> SlidingSurface:
@@ -83,12 +86,27 @@ class Sliding:
         surface: (n,) int32, index into ``surfaces``.
         distance: (n,) float64, m, to the surface at rest; negative behind it.
         surfaces: What they slide on.
+        friction: (n,) float64, coefficients.
+        release: (n,) bool, whether the node may leave its surface.
     """
 
     nodes: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     surface: NDArray[np.int32] = field(default_factory=lambda: np.empty(0, dtype=np.int32))
     distance: Floats = field(default_factory=lambda: np.empty(0))
     surfaces: list[SlidingSurface] = field(default_factory=list)
+    friction: Floats = field(default_factory=lambda: np.empty(0))
+    release: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
+
+    def __post_init__(self) -> None:
+        """Fill in that nothing rubs or lets go where that was not said."""
+        for name, plain in (("friction", 0.0), ("release", False)):
+            if len(getattr(self, name)) != len(self.nodes):
+                object.__setattr__(self, name, np.full(len(self.nodes), plain))
+
+    @property
+    def moving(self) -> list[int]:
+        """The surfaces that move."""
+        return [n for n, surface in enumerate(self.surfaces) if surface.motion is not None]
 
     def __len__(self) -> int:
         """Number of nodes."""
@@ -99,9 +117,23 @@ class Sliding:
         keep = ~np.isin(self.nodes, np.asarray(nodes))
         if keep.all():
             return self
-        return Sliding(self.nodes[keep], self.surface[keep], self.distance[keep], self.surfaces)
+        return replace(
+            self,
+            **{
+                name: getattr(self, name)[keep]
+                for name in ("nodes", "surface", "distance", "friction", "release")
+            },
+        )
 
-    def having(self, nodes: ArrayLike, distance: ArrayLike, surface: SlidingSurface) -> Sliding:
+    def having(
+        self,
+        nodes: ArrayLike,
+        distance: ArrayLike,
+        surface: SlidingSurface,
+        *,
+        friction: float = 0.0,
+        release: bool = False,
+    ) -> Sliding:
         """The same with more nodes on a surface; nodes that slid elsewhere change over.
 
         Raises:
@@ -125,20 +157,42 @@ class Sliding:
         order = np.argsort(joined, kind="stable")
         on = np.concatenate([rest.surface, np.full(len(added), index, dtype=np.int32)])
         far = np.concatenate([rest.distance, np.asarray(distance, dtype=np.float64)])
-        return Sliding(joined[order], on[order], far[order], surfaces)
+        rubs = np.concatenate([rest.friction, np.full(len(added), float(friction))])
+        lets_go = np.concatenate([rest.release, np.full(len(added), bool(release))])
+        return Sliding(joined[order], on[order], far[order], surfaces, rubs[order], lets_go[order])
+
+    def with_motion(self, name: str, motion: Motion) -> Sliding:
+        """The same with the motion of a surface; raises InputError where there is none."""
+        known = [surface.name for surface in self.surfaces]
+        if name not in known:
+            there = ", ".join(map(repr, known)) if known else "none"
+            raise InputError(f"move_surface: got {name!r}; surfaces that nodes slide on: {there}")
+        surfaces = list(self.surfaces)
+        index = known.index(name)
+        surfaces[index] = replace(surfaces[index], motion=motion)
+        return replace(self, surfaces=surfaces)
 
 
-def tangential(forces: Floats, nodes: NDArray[np.int64], normals: Floats) -> Floats:
-    """Forces less what the surfaces take: their part along the normals of sliding nodes.
+def tangential(forces: Floats, sliding: Sliding, normals: Floats) -> Floats:
+    """Forces less what the surfaces take of them.
+
+    That is their part along the normals of sliding nodes and, where they rub, of the rest as much
+    as friction can hold.
 
     Args:
         forces: (n_nodes, 3) N.
-        nodes: (n,) the sliding nodes.
+        sliding: The n sliding nodes.
         normals: (n, 3) unit normals, or zero.
     """
-    if not len(nodes):
+    if not len(sliding):
         return forces
     result = forces.copy()
-    part = result[nodes]
-    result[nodes] = part - normals * (part * normals).sum(axis=1, keepdims=True)
+    part = result[sliding.nodes]
+    pressing = (part * normals).sum(axis=1, keepdims=True)
+    along = part - normals * pressing
+    if sliding.friction.any():
+        size = np.linalg.norm(along, axis=1, keepdims=True)
+        held = sliding.friction[:, None] * abs(pressing)
+        along *= 1.0 - np.minimum(held / np.maximum(size, np.finfo(float).tiny), 1.0)
+    result[sliding.nodes] = along
     return result

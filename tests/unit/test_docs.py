@@ -60,6 +60,7 @@ TABLES = {
         "ligaments": [{"name": "l", "points": [[0, 0, 0]], "radius": 1}],
         "symmetry": [{"axis": "x"}],
         "sliding": {"on": ["bones"]},
+        "motions": [{"bone": "jaw"}],
     },
     "solver": {"duration": "1 s", "hourglass": "joldes"},
     "output": {},
@@ -79,6 +80,7 @@ SECTIONS = {
     "ligaments": ("LigamentSpec", ("boundary", "ligaments", 0)),
     "symmetry": ("SymmetrySpec", ("boundary", "symmetry", 0)),
     "sliding": ("SlidingSpec", ("boundary", "sliding")),
+    "motions": ("MotionSpec", ("boundary", "motions", 0)),
     "`[[surfaces]]`": ("SurfaceSpec", ("surfaces", 0)),
     "`[solver]`": ("Solver", ("solver",)),
     "`[output]`": ("Output", ("output",)),
@@ -254,6 +256,8 @@ def test_every_key_is_documented_with_its_default(heading):
         if isinstance(default, dict) and set(default) == {"value"}:
             default = default["value"]
         text = "none" if default is None else f"`{default!r}`".replace("'", '"')
+        if isinstance(default, bool):
+            text = text.lower()
         assert row["default"] == text, key
 
 

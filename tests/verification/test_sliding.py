@@ -8,6 +8,7 @@ import tledface as tf
 from scenes import soft
 from tledface import _core
 from tledface.device import resolve
+from tledface.geometry import read_surface
 
 H = 0.5e-3
 FAR = np.array([0.1, -0.2, 1.6])  # where atlases lie
@@ -101,6 +102,32 @@ def test_no_node_is_lost_at_a_voxel_a_step(figure):
         worst = max(worst, abs(distances(model, x) - abs(kept)).max() / H)
     assert moved > 0.5 * H
     figure("error of the distance over the voxel", worst, at_most=1e-9)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_distances_from_a_real_bone_are_kept(executor, figure, shared_data, precision):
+    """The forehead's bone: concave, convex, thin, with an inner side not far behind."""
+    path = shared_data / "bodyparts3d" / "FMA52734.obj"
+    if not path.is_file():
+        pytest.skip("the atlas is not on this machine")
+    solid = read_surface(path, unit_scale=1e-3).solid
+    bone = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
+    # Turned so that its front looks along z, the slab over it.
+    turn = trimesh.transformations.rotation_matrix(np.pi / 2, (-1, 0, 0))
+    bone.apply_transform(turn)
+    bone.apply_translation(-np.array([-5e-3, 1575e-3, 181.9e-3]))
+    # All of its lower side before the bone: inside it, halfway to its inner
+    # side, a distance can be kept from one side only.
+    model, lower = tissue(0.4e-3)
+    sim, kept = dragged(model, lower, bone, 10e-3, precision=precision, **executor.kwargs)
+    x = (model.nodes + sim.u)[lower]
+    assert kept.min() > 0.0
+    assert sim.u[lower][:, 0].mean() > 5e-3
+    figure(
+        f"{precision}: error of the distance over the voxel",
+        abs(distances(model, x) - abs(kept)).max() / H,
+        at_most=1e-4 if precision == "single" else 1e-9,
+    )
 
 
 @pytest.mark.parametrize("name", ["sphere", "saddle", "box"])

@@ -30,6 +30,7 @@ from tledface.io.model_surfaces import (
     write_surfaces,
 )
 from tledface.model import Model
+from tledface.motion import RigidMotion
 
 __all__ = ["FORMAT", "VERSION", "load_model", "read_model", "save_model", "write_model"]
 
@@ -105,10 +106,15 @@ def write_model(model: Model, file: h5py.Group) -> None:
 
 
 def _refuse_callables(model: Model) -> None:
+    kept = [s.motion for s in model.sliding.surfaces]
+    motions = [
+        m for m in kept if m is not None and not (isinstance(m, RigidMotion) and m.can_be_stored)
+    ]
     for method, values in (
         ("prescribe", [record.value for record in model.prescribed]),
         ("body_force", [load.force for load in model.body_forces]),
         ("pressure", [pressure.value for pressure in model.pressures]),
+        ("move_surface", motions),
     ):
         if any(callable(value) for value in values):
             raise InputError(

@@ -10,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tledface.errors import InputError
+from tledface.io.schedules import read_schedule, write_schedule
+from tledface.motion import RigidMotion
 from tledface.polygons import Labels, Polygons
+from tledface.schedule import as_schedule
 from tledface.sliding import GROUP_KINDS, NodeGroup, Sliding, SlidingSurface
 from tledface.surface import BoundSurface
 
@@ -106,13 +109,16 @@ def write_sliding(sliding: Sliding, file: h5py.Group) -> None:
     if not len(sliding) and not sliding.surfaces:
         return
     group = file.create_group("sliding")
-    for key in ("nodes", "surface", "distance"):
+    laws = [key for key in ("friction", "release") if getattr(sliding, key).any()]
+    for key in ("nodes", "surface", "distance", *laws):
         group.create_dataset(key, data=getattr(sliding, key), **COMPRESSION)
     for number, surface in enumerate(sliding.surfaces):
         part = group.create_group(f"surfaces/{number}")
         part.attrs["name"] = surface.name
         part.create_dataset("vertices", data=surface.vertices, **COMPRESSION)
         part.create_dataset("faces", data=surface.faces, **COMPRESSION)
+        if isinstance(surface.motion, RigidMotion):
+            _write_motion(surface.motion, part.create_group("motion"))
 
 
 def read_sliding(file: h5py.Group, n_nodes: int) -> Sliding:
@@ -121,7 +127,12 @@ def read_sliding(file: h5py.Group, n_nodes: int) -> Sliding:
         return Sliding()
     group = file["sliding"]
     surfaces = [
-        SlidingSurface(str(part.attrs["name"]), part["vertices"][()], part["faces"][()])
+        SlidingSurface(
+            str(part.attrs["name"]),
+            part["vertices"][()],
+            part["faces"][()],
+            _read_motion(part["motion"]) if "motion" in part else None,
+        )
         for part in numbered(group, "surfaces")
     ]
     nodes = group["nodes"][()].astype(np.int64)
@@ -134,7 +145,25 @@ def read_sliding(file: h5py.Group, n_nodes: int) -> Sliding:
         and (surface.min() >= 0 and surface.max() < len(surfaces))
     ):
         raise InputError("sliding names a node or a surface that is not there")
-    return Sliding(nodes, surface, distance, surfaces)
+    friction = group["friction"][()] if "friction" in group else np.zeros(len(nodes))
+    release = group["release"][()] if "release" in group else np.zeros(len(nodes))
+    if not len(nodes) == len(friction) == len(release):
+        raise InputError("sliding has nodes, friction and release of different lengths")
+    return Sliding(nodes, surface, distance, surfaces, friction, release.astype(bool))
+
+
+def _write_motion(motion: RigidMotion, group: h5py.Group) -> None:
+    for key in ("about", "axis", "angle", "shift"):
+        group.attrs[key] = getattr(motion, key)
+    write_schedule(as_schedule(motion.share), group.create_group("share"))
+
+
+def _read_motion(group: h5py.Group) -> RigidMotion:
+    values = {key: group.attrs[key] for key in ("about", "axis", "shift")}
+    share = read_schedule(group["share"])
+    if share is None:
+        raise InputError("sliding has a motion without its share over time")
+    return RigidMotion(**values, angle=float(group.attrs["angle"]), share=share)
 
 
 def write_groups(groups: Sequence[NodeGroup], file: h5py.Group) -> None:

@@ -20,7 +20,20 @@ from tledface.scene.fields import (
     vector_schema,
 )
 
-__all__ = ["Axis", "Cosine", "OpenBox", "OpenBoxes", "Points", "Position", "Reach", "Side"]
+__all__ = [
+    "Angle",
+    "Axis",
+    "Coefficient",
+    "Cosine",
+    "Direction",
+    "OpenBox",
+    "OpenBoxes",
+    "Point",
+    "Points",
+    "Position",
+    "Reach",
+    "Side",
+]
 
 OpenBoxValue = tuple[Vector, Vector]
 
@@ -64,6 +77,14 @@ def _read_points(value: Any, info: ValidationInfo) -> list[Vector]:
     return [_read_point(point, info) for point in value]
 
 
+def _read_direction(value: Any, info: ValidationInfo) -> Vector:
+    good = isinstance(value, list) and len(value) == 3 and any(value)
+    if not good or not all(isinstance(v, int | float) and math.isfinite(v) for v in value):
+        raise InputError(f"got {value!r}; allowed: three numbers, not all 0, as [1, 0, 0]")
+    x, y, z = map(float, value)
+    return (x, y, z)
+
+
 def _read_position(value: Any, info: ValidationInfo) -> float:
     return units.parse(value, "length", bare=_bare_factor("length", info))
 
@@ -101,8 +122,16 @@ Points = Annotated[
     PlainValidator(_read_points),
     WithJsonSchema({"type": "array", "items": vector_schema(_LENGTH_SCHEMA), "minItems": 1}),
 ]
+Point = Annotated[
+    Vector, PlainValidator(_read_point), WithJsonSchema(vector_schema(_LENGTH_SCHEMA))
+]
+Direction = Annotated[
+    Vector, PlainValidator(_read_direction), WithJsonSchema(vector_schema({"type": "number"}))
+]
+Angle = Annotated[float, *_field(_quantity("number", at_least=-180.0, at_most=180.0))]
 Position = Annotated[float, PlainValidator(_read_position), WithJsonSchema(_LENGTH_SCHEMA)]
 Reach = Annotated[float, *_field(_quantity("length", at_least=0.0))]
+Coefficient = Annotated[float, *_field(_quantity("number", at_least=0.0))]
 Cosine = Annotated[float, *_field(_quantity("number", at_least=-1.0, below=1.0))]
 Side = Annotated[str, PlainValidator(_read_side), WithJsonSchema({"enum": list(SIDES)})]
 Axis = Annotated[str, PlainValidator(_read_axis), WithJsonSchema({"enum": list(AXES)})]

@@ -10,16 +10,21 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 from tledface.errors import InputError
 from tledface.scene.base import Table
 from tledface.scene.boundary_fields import (
+    Angle,
     Axis,
+    Coefficient,
     Cosine,
+    Direction,
     OpenBox,
     OpenBoxes,
+    Point,
     Points,
     Position,
     Reach,
     Side,
 )
-from tledface.scene.fields import Components, Length, Name, SurfacePath
+from tledface.scene.fields import Activation, Components, Length, Name, SurfacePath
+from tledface.schedule import Constant
 from tledface.units import KINDS, unit_scale
 
 __all__ = [
@@ -28,6 +33,7 @@ __all__ = [
     "CutSpec",
     "FixedSpec",
     "LigamentSpec",
+    "MotionSpec",
     "SlidingSpec",
     "SurfaceSpec",
     "SymmetrySpec",
@@ -111,6 +117,25 @@ class SlidingSpec(Table):
     boxes: OpenBoxes = Field(default=[], description="only nodes in one of these boxes")
     excluded: OpenBoxes = Field(default=[], description="no nodes in these boxes")
     held: bool = Field(default=False, description="these nodes are held instead of sliding")
+    friction: Coefficient = Field(default=0.0, description="Coulomb's coefficient")
+    release: bool = Field(default=False, description="nodes may leave the bone, not sink into it")
+
+
+class MotionSpec(Table):
+    """A bone that moves as a rigid body, and carries what slides on it."""
+
+    bone: Name = Field(description="a bone of [geometry] that nodes slide on", examples=["jaw"])
+    about: Point = Field(default=(0.0, 0.0, 0.0), description="a point of the axis of the turn")
+    axis: Direction = Field(default=(1.0, 0.0, 0.0), description="its direction")
+    degrees: Angle = Field(
+        default=0.0, description="right-handed turn about the axis at a share of 1"
+    )
+    shift: Point = Field(default=(0.0, 0.0, 0.0), description="shift at a share of 1")
+    share: Activation = Field(
+        default=Constant(0.0),
+        description="how much of it over time, 0 at first, as for an activation",
+        validate_default=False,
+    )
 
 
 def _list_schema(schema: dict[str, Any]) -> None:
@@ -135,6 +160,8 @@ class Boundary(Table):
         description='nodes that slide on bone: ["bones"], or a table',
         json_schema_extra=_list_schema,
     )
+
+    motions: list[MotionSpec] = Field(default=[], description="bones that move")
 
     @field_validator("sliding", mode="before")
     @classmethod
