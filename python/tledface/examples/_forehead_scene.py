@@ -150,12 +150,13 @@ def _boundary(choices: Choices) -> str:
     if choices.half:
         lines.append('symmetry = [{ axis = "x", at = 0 }]')
     if not choices.frontalis_only:
-        # Their origins, on nasal bone and on the frontal bone above it: not frontalis, which lies
-        # over the corrugators higher up and would be held with them.
+        # At its origin, the nasal bones.
         lines += _attachment("procerus", 2.0, ((-10, 1530), (10, 1536)))
-        lines += _attachment("corrugator_r", 1.0, ((-13, 1530), (-6, 1541.5)))
+    if choices.animation == "frown":
+        # Only where they pull: relaxed, their passive stress would tether the brow that is raised.
+        lines += _attachment("corrugator_r", 1.0, ((-12, 1530), (-6, 1546)))
         if not choices.half:
-            lines += _attachment("corrugator_l", 1.0, ((6, 1530), (13, 1541.5)))
+            lines += _attachment("corrugator_l", 1.0, ((6, 1530), (12, 1546)))
     lines += ["", "[boundary.sliding]", 'on = ["bones"]', "facing = 0.6"]
     lines.append(f"boxes = [[[-60, -210, 1546], [60, -100, {TOP:g}]]]")
     if not choices.sliding:
@@ -164,7 +165,7 @@ def _boundary(choices: Choices) -> str:
 
 
 def _attachment(
-    muscle: str, reach: float, box: tuple[tuple[float, float], tuple[float, float]]
+    muscle: str, reach: float, box: tuple[tuple[int, int], tuple[int, int]]
 ) -> list[str]:
     """The muscle's nodes within ``reach`` of bone in a box of x and z."""
     (left, low), (right, high) = box
@@ -174,7 +175,7 @@ def _attachment(
         f'muscle = "{muscle}"',
         'bone = "bones"',
         f"reach = {reach:g}",
-        f"boxes = [[[{left:g}, -210, {low:g}], [{right:g}, -128, {high:g}]]]",
+        f"boxes = [[[{left}, -210, {low}], [{right}, -128, {high}]]]",
     ]
 
 
