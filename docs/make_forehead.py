@@ -40,7 +40,7 @@ def run(folder: Path, variant: str, data: Path | None, full: bool) -> None:
         return
     size = {"half": True} if full else {"coarse": True}
     choices = {**size, "data": data, **forehead.VARIANTS[variant]}
-    scene = Scene.load(forehead.write(folder / "scene", **choices))
+    scene = Scene.load(forehead.write(folder.with_name(f"{variant}-scene"), **choices))
     run_scene(scene, folder, device="native", quiet=True, force=True)
 
 
