@@ -19,7 +19,7 @@ from tledface.examples import forehead
 from tledface.picture import render_surface
 from tledface.run import resume_run, run_scene
 from tledface.run_checkpoints import any_in
-from tledface.run_picture import surface_frames
+from tledface.run_frames import RunFrames
 from tledface.scene import Scene
 
 VIEW = (-0.4, -0.9, 0.2)
@@ -61,14 +61,17 @@ def row(folder: Path, variant: str) -> str:
 
 def draw(path: Path, folders: dict[str, Path]) -> None:
     """Draw the skin at rest and at the end of each run."""
-    panels = {"at rest": surface_frames(next(iter(folders.values())))}
-    panels["at rest"] = (panels["at rest"][0], panels["at rest"][0], panels["at rest"][2])
-    panels |= {name: surface_frames(folder) for name, folder in folders.items()}
+    panels = {}
+    for name, folder in folders.items():
+        frames = RunFrames(folder)
+        rest, moved, faces = frames.surface((0, frames.at(None)))
+        panels.setdefault("at rest", (rest, faces))
+        panels[name] = (moved, faces)
     columns = 3 if len(panels) > 4 else len(panels)
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(3.2 * columns, 3.9 * rows), dpi=95, facecolor="white")
     FigureCanvasAgg(figure)
-    for place, (name, (_, moved, faces)) in enumerate(panels.items(), start=1):
+    for place, (name, (moved, faces)) in enumerate(panels.items(), start=1):
         axes = figure.add_subplot(rows, columns, place)
         axes.imshow(render_surface(moved, faces, view=VIEW, size=(420, 480)))
         axes.set_axis_off()

@@ -4,7 +4,8 @@
 //
 // 1. While the closest point is on one face the surface is that face's plane, while it is on one edge
 //    or corner the surface is that line or point. The region of places for which that is known to hold
-//    is a ball about the place where level 2 was last run, less what lies past one border.
+//    is a ball about the place where level 2 was last run, less what lies past some borders. It is
+//    looked at only when the node's ways since add up to what was left to its nearest side.
 // 2. Past it, the exact closest point (face, edge or vertex; side by angle-weighted pseudonormals,
 //    Baerentzen & Aanaes 2005) among the node's own candidates: with d_1 the nearest distance and d_k
 //    the nearest of a triangle that is none, no other can be closest within (d_k - d_1)/2.
@@ -264,24 +265,37 @@ OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
 }
 
 // Where a closest point is known to stay on its face, edge or corner: within `ball` of the node, but
-// not past the border `within` from it in the direction `outward`.
+// not past borders that are `within` of it in the directions `outward`, the nearest first.
 typedef struct {
-  real ball, within;
-  Point outward;
+  real ball;
+  int n_borders;
+  real within[REGION_MOST_BORDERS];
+  Point outward[REGION_MOST_BORDERS];
 } Region;
 
 INLINE void hold_within(Region* region, real distance) {
   region->ball = distance < region->ball ? distance : region->ball;
 }
-// A border: the nearest is kept, the others shrink the ball.
+// A border: the nearest are kept, the others shrink the ball.
 INLINE void hold_before(Region* region, real distance, Point outward) {
-  if (distance < region->within) {
-    hold_within(region, region->within);
-    region->within = distance;
-    region->outward = outward;
+  if (distance >= region->ball) return;
+  int at = region->n_borders;
+  if (at == REGION_MOST_BORDERS) {
+    --at;
+    if (distance >= region->within[at]) {
+      hold_within(region, distance);
+      return;
+    }
+    hold_within(region, region->within[at]);
   } else {
-    hold_within(region, distance);
+    ++region->n_borders;
   }
+  for (; at > 0 && region->within[at - 1] > distance; --at) {
+    region->within[at] = region->within[at - 1];
+    region->outward[at] = region->outward[at - 1];
+  }
+  region->within[at] = distance;
+  region->outward[at] = outward;
 }
 
 INLINE Point times(real s, Point a) {
@@ -346,9 +360,10 @@ INLINE int beside_edge(__global const real* triangle, Point a, Point b, Point al
 // Levels 2 and 3 for one node at displacement u: its surface and how far that holds. rows: of its
 // lane. The result says whether it is on an edge or corner.
 OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int free,
-                             __global real* rows, __global int* candidates, __global real* reals) {
-  const Point X = {rows[SLIDE_PLACE * TLED_LANES], rows[(SLIDE_PLACE + 1) * TLED_LANES],
-                   rows[(SLIDE_PLACE + 2) * TLED_LANES]};
+                             __global real* rows, __global real* region_rows,
+                             __global int* candidates, __global real* reals) {
+  const Point X = {region_rows[REGION_PLACE * TLED_LANES], region_rows[(REGION_PLACE + 1) * TLED_LANES],
+                   region_rows[(REGION_PLACE + 2) * TLED_LANES]};
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
   // A state that has run away is for the watch to report, not to be sought for.
   if (!(inner(p, p) < LOST * LOST)) return 0;
@@ -388,8 +403,8 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
   // What rounding may lift a corner of a flat neighbour off the plane.
   const real flat = FLAT * square_root_of(inner(p, p)) + FLAT * size;
   Region region;
-  region.ball = region.within = reals[3] - moved;
-  region.outward = normal;
+  region.ball = reals[3] - moved;
+  region.n_borders = 0;
   Point n = normal, on = first, axis = {R(0.0), R(0.0), R(0.0)}, far_end = first;
   real side, round = R(0.0);
   if (best.feature == 0) {
@@ -491,21 +506,31 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
   // A little less, for rounding.
   real radius = R(0.98) * region.ball - flat;
   radius = radius > R(0.0) ? radius : R(0.0);
-  const real border = R(0.98) * region.within - flat;
   // The way back in the components that may move.
   Point along = {free & 1 ? n.x : R(0.0), free & 2 ? n.y : R(0.0), free & 4 ? n.z : R(0.0)};
   const real share = inner(along, n);
   along = times(free == 7 ? R(1.0) : share > R(0.01) ? R(1.0) / share : R(0.0), along);
   if (round != R(0.0)) n = axis;
   const Point to = minus(on, X);
-  const real keep = rows[SLIDE_DISTANCE * TLED_LANES];
-  const real values[SLIDE_DISTANCE] = {
-      u.x,     u.y,     u.z,     radius * radius,
-      region.outward.x, region.outward.y, region.outward.z, inner(region.outward, u) + border,
-      n.x,     n.y,     n.z,     round != R(0.0) ? keep : keep + inner(n, to),
-      round,   to.x,    to.y,    to.z,
-      along.x, along.y, along.z};
-  for (int k = 0; k < SLIDE_DISTANCE; ++k) rows[k * TLED_LANES] = values[k];
+  const real keep = region_rows[REGION_DISTANCE * TLED_LANES];
+  real slack = radius;
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    __global real* border = region_rows + (REGION_BORDERS + 4 * k) * TLED_LANES;
+    const int is = k < region.n_borders;
+    const real within = is ? R(0.98) * region.within[k] - flat : R(1.0);
+    const Point out = is ? region.outward[k] : times(R(0.0), normal);
+    border[0] = out.x;
+    border[TLED_LANES] = out.y;
+    border[2 * TLED_LANES] = out.z;
+    border[3 * TLED_LANES] = inner(out, u) + within;
+    slack = within < slack ? within : slack;
+  }
+  const real values[SLIDE_ROWS] = {slack, n.x, n.y, n.z,
+                                  round != R(0.0) ? keep : keep + inner(n, to),
+                                  round, to.x, to.y, to.z};
+  for (int k = 0; k < SLIDE_ROWS; ++k) rows[k * TLED_LANES] = values[k];
+  const real region_values[REGION_BORDERS] = {along.x, along.y, along.z, u.x, u.y, u.z, radius};
+  for (int k = 0; k < REGION_BORDERS; ++k) region_rows[k * TLED_LANES] = region_values[k];
   return round != R(0.0);
 }
 
@@ -549,13 +574,6 @@ INLINE Points lanes_turned(__global const real* pose, Points a) {
 }
 INLINE realv lanes_inner(Points a, Points b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
-INLINE realv squared_way(Points u, __global const real* rows) {
-  const realv dx = u.x - load_lanes(rows + SLIDE_ANCHOR * TLED_LANES),
-              dy = u.y - load_lanes(rows + (SLIDE_ANCHOR + 1) * TLED_LANES),
-              dz = u.z - load_lanes(rows + (SLIDE_ANCHOR + 2) * TLED_LANES);
-  return dx * dx + dy * dy + dz * dz;
-}
-
 // How far rubbing shortens the way along the surface in a step, as a share of it. off: the way back to
 // the distance, along the normal.
 INLINE realv rubbed_share(realv coefficient, realv off, realv way) {
@@ -566,6 +584,7 @@ INLINE realv rubbed_share(realv coefficient, realv off, realv way) {
 // A row of nodes and what it slides on; `first` to `last`: the lanes of the work-item.
 typedef struct {
   __global real* rows;
+  __global real* regions;
   __global int* ints;
   __global int* candidates;
   __global real* candidate_reals;
@@ -576,42 +595,56 @@ typedef struct {
 // Where the nodes of a row are as seen from their surface.
 INLINE Points lanes_seen(const SlideRow* row, Points u) {
   if (!row->moves) return u;
-  return lanes_seen_from(row->pose, lanes_of(row->rows + row->first + SLIDE_PLACE * TLED_LANES), u);
+  return lanes_seen_from(row->pose, lanes_of(row->regions + row->first + REGION_PLACE * TLED_LANES), u);
 }
 
-// Levels 1 to 3: afterwards the row's surfaces are those of the places `seen` of u.
-INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
+// Distance to the nearest side of the regions of a row's nodes, seen from their surface; not above 0
+// outside.
+INLINE realv left_in_regions(const SlideRow* row, Points u) {
+  __global const real* lanes = row->regions + row->first;
+  const Points anchor = lanes_of(lanes + REGION_ANCHOR * TLED_LANES);
+  const Points way = {u.x - anchor.x, u.y - anchor.y, u.z - anchor.z};
+  realv left =
+      load_lanes(lanes + REGION_RADIUS * TLED_LANES) - square_root(lanes_inner(way, way));
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    __global const real* border = lanes + (REGION_BORDERS + 4 * k) * TLED_LANES;
+    const realv to = load_lanes(border + 3 * TLED_LANES) - lanes_inner(lanes_of(border), u);
+    left = to < left ? to : left;
+  }
+  return left;
+}
+
+// The rest of level 1, and levels 2 and 3: afterwards the row's surfaces are those of the places
+// `seen` of u. way: at least what its nodes went since they were last here.
+INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen, realv way,
                           __global const real* u) {
-  __global const real* lanes = row->rows + row->first;
-  if (all_below(squared_way(seen, lanes), load_lanes(lanes + SLIDE_RADIUS * TLED_LANES)) &&
-      all_below(lanes_inner(lanes_of(lanes + SLIDE_BORDER * TLED_LANES), seen),
-                load_lanes(lanes + SLIDE_LIMIT * TLED_LANES)))
-    return;
+  __global real* lanes = row->rows + row->first;
+  const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES) - way;
+  store_lanes(slack, lanes + SLIDE_SLACK * TLED_LANES);
+  if (all_below(-slack, broadcast(R(0.0)))) return;
+  const realv left = left_in_regions(row, seen);
+  store_lanes(left, lanes + SLIDE_SLACK * TLED_LANES);
+  if (all_below(-left, broadcast(R(0.0)))) return;
   int round = 0;
   for (int lane = row->first; lane < row->last; ++lane) {
     const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
     if (surface < 0) continue;
-    const int dof = row->ints[lane];
     __global real* mine = row->rows + lane;
-    Point v = {u[dof], u[dof + TLED_LANES], u[dof + 2 * TLED_LANES]};
-    if (row->moves) {
-      const Point X = {mine[SLIDE_PLACE * TLED_LANES], mine[(SLIDE_PLACE + 1) * TLED_LANES],
-                       mine[(SLIDE_PLACE + 2) * TLED_LANES]};
-      v = seen_from(row->pose, X, v);
-    }
-    const real dx = v.x - mine[SLIDE_ANCHOR * TLED_LANES],
-               dy = v.y - mine[(SLIDE_ANCHOR + 1) * TLED_LANES],
-               dz = v.z - mine[(SLIDE_ANCHOR + 2) * TLED_LANES];
-    if (dx * dx + dy * dy + dz * dz < mine[SLIDE_RADIUS * TLED_LANES] &&
-        mine[SLIDE_BORDER * TLED_LANES] * v.x + mine[(SLIDE_BORDER + 1) * TLED_LANES] * v.y +
-                mine[(SLIDE_BORDER + 2) * TLED_LANES] * v.z <
-            mine[SLIDE_LIMIT * TLED_LANES]) {
+    __global real* region = row->regions + lane;
+    if (mine[SLIDE_SLACK * TLED_LANES] > R(0.0)) {
       round |= mine[SLIDE_ROUND * TLED_LANES] != R(0.0);
       continue;
     }
+    const int dof = row->ints[lane];
+    Point v = {u[dof], u[dof + TLED_LANES], u[dof + 2 * TLED_LANES]};
+    if (row->moves) {
+      const Point X = {region[REGION_PLACE * TLED_LANES], region[(REGION_PLACE + 1) * TLED_LANES],
+                       region[(REGION_PLACE + 2) * TLED_LANES]};
+      v = seen_from(row->pose, X, v);
+    }
     // Held components are looked after by whoever turns the way back, where the surface may turn.
     const int free = row->moves ? 7 : row->ints[SLIDE_FREE * TLED_LANES + lane];
-    round |= find_surface(s, v, surface, free, mine, row->candidates + lane * SLIDE_CANDIDATES,
+    round |= find_surface(s, v, surface, free, mine, region, row->candidates + lane * SLIDE_CANDIDATES,
                           row->candidate_reals + lane * SLIDE_CANDIDATE_REALS);
   }
   __global int* shape = row->ints + SLIDE_SHAPE * TLED_LANES + row->first;
@@ -633,7 +666,7 @@ INLINE WayBack way_back(const SlideRow* row, Points seen) {
   WayBack way;
   way.off = target - lanes_inner(n, seen);
   way.normal = way.back = n;
-  if (shape & 2) way.back = lanes_of(lanes + SLIDE_ALONG * TLED_LANES);
+  if (shape & 2) way.back = lanes_of(row->regions + row->first + REGION_ALONG * TLED_LANES);
   if (shape & 1) {
     const realv round = load_lanes(lanes + SLIDE_ROUND * TLED_LANES);
     const Points on = lanes_of(lanes + SLIDE_ON * TLED_LANES);
@@ -656,8 +689,8 @@ INLINE WayBack way_back(const SlideRow* row, Points seen) {
 }
 
 // A node that may leave is only ever pushed to its side of the surface.
-INLINE realv released(realv off, __global const real* lanes, __global const real* laws) {
-  const realv pushed = load_lanes(lanes + SLIDE_DISTANCE * TLED_LANES) < R(0.0) ? -off : off;
+INLINE realv released(realv off, __global const real* region, __global const real* laws) {
+  const realv pushed = load_lanes(region + REGION_DISTANCE * TLED_LANES) < R(0.0) ? -off : off;
   const realv held =
       load_lanes(laws + SLIDE_RELEASE * TLED_LANES) > R(0.5) ? pushed : absolute(off);
   return held < R(0.0) ? broadcast(R(0.0)) : off;
@@ -665,9 +698,11 @@ INLINE realv released(realv off, __global const real* lanes, __global const real
 
 // Work-item: a row of TLED_LANES sliding nodes from `first_row` on, or one node where rows are no
 // vectors. Moves them to their distance in u_next. pose_column: of the step table; -1: surfaces that
-// stand still. has_laws: slide_laws is there.
+// stand still. has_laws: slide_laws is there. task, bits: 1 the nodes may be anywhere since the last
+// launch; 2 the ways back are to be kept, for reactions.
 __kernel void slide_nodes(__global real* restrict u_next, __global const real* restrict u_now,
-                          __global real* restrict slide_rows, __global int* restrict slide_ints,
+                          __global real* restrict slide_rows,
+                          __global real* restrict slide_regions, __global int* restrict slide_ints,
                           __global const real* restrict slide_laws,
                           __global int* restrict candidates,
                           __global real* restrict candidate_reals,
@@ -676,7 +711,8 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
                           __global const int* restrict cell_begin,
                           __global const int* restrict cell_triangles,
                           __global const real* restrict step_table, int n_items, int first_row,
-                          int has_laws, int pose_column, int step_reals, int step_index) {
+                          int has_laws, int pose_column, int step_reals, int step_index,
+                          int task) {
   const int item = (int)get_global_id(0);
   if (item >= n_items) return;
 #if TLED_VECTOR_ROWS
@@ -687,6 +723,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   __global const real* step = step_table + (long)step_index * step_reals;
   const long node = (long)place * TLED_LANES;
   const SlideRow row = {slide_rows + node * SLIDE_ROWS,
+                        slide_regions + node * REGION_ROWS,
                         slide_ints + node * SLIDE_INTS,
                         candidates + node * SLIDE_CANDIDATES,
                         candidate_reals + node * SLIDE_CANDIDATE_REALS,
@@ -696,33 +733,39 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
                         last};
   const SlideSurfaces surfaces = {triangles, grids, grid_reals, cell_begin, cell_triangles};
   __global real* lanes = row.rows + first;
+  __global real* region = row.regions + first;
   __global const int* dofs = row.ints + first;
   Points u = lanes_at(u_next, dofs);
   Points seen = lanes_seen(&row, u);
-  find_surfaces(&row, &surfaces, seen, u_next);
+  // The way in this step as seen from the surface.
+  Points step_way = lanes_at(u_now, dofs);
+  if (row.moves)
+    step_way = lanes_seen_from(row.pose - POSE_REALS, lanes_of(region + REGION_PLACE * TLED_LANES),
+                               step_way);
+  step_way.x = seen.x - step_way.x;
+  step_way.y = seen.y - step_way.y;
+  step_way.z = seen.z - step_way.z;
+  // A little more, for rounding.
+  const realv gone = task & 1 ? broadcast(R(1e30))
+                              : R(1.001) * square_root(lanes_inner(step_way, step_way));
+  find_surfaces(&row, &surfaces, seen, gone, u_next);
   WayBack way = way_back(&row, seen);
   if (has_laws) {
     __global const real* laws = slide_laws + node * SLIDE_LAWS + first;
     const Points may = lanes_of(laws + SLIDE_MAY * TLED_LANES);
     const realv coefficient = load_lanes(laws + SLIDE_FRICTION * TLED_LANES);
     if (!all_below(coefficient, broadcast(R(1e-30)))) {
-      // The way in this step as seen from the surface, and of it the part along the surface.
-      Points rubbed = lanes_at(u_now, dofs);
-      if (row.moves)
-        rubbed = lanes_seen_from(row.pose - POSE_REALS, lanes_of(lanes + SLIDE_PLACE * TLED_LANES),
-                                 rubbed);
-      rubbed.x = seen.x - rubbed.x;
-      rubbed.y = seen.y - rubbed.y;
-      rubbed.z = seen.z - rubbed.z;
+      // Of the way in this step the part along the surface.
+      Points rubbed = step_way;
       const realv steep = lanes_inner(rubbed, way.normal);
       rubbed.x -= steep * way.normal.x;
       rubbed.y -= steep * way.normal.y;
       rubbed.z -= steep * way.normal.z;
       const realv length = square_root(lanes_inner(rubbed, rubbed));
-      const realv share = rubbed_share(coefficient, released(way.off, lanes, laws), length);
-      store_lanes(load_lanes(lanes + SLIDE_LOSS * TLED_LANES) +
+      const realv share = rubbed_share(coefficient, released(way.off, region, laws), length);
+      store_lanes(load_lanes(region + REGION_LOSS * TLED_LANES) +
                       share * length * length * (R(1.0) - share) / step[STEP_FORCE],
-                  lanes + SLIDE_LOSS * TLED_LANES);
+                  region + REGION_LOSS * TLED_LANES);
       if (row.moves) rubbed = lanes_turned(row.pose, rubbed);
       u.x -= share * may.x * rubbed.x;
       u.y -= share * may.y * rubbed.y;
@@ -731,10 +774,10 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
       scatter_lanes(u.y, u_next + TLED_LANES, dofs);
       scatter_lanes(u.z, u_next + 2 * TLED_LANES, dofs);
       seen = lanes_seen(&row, u);
-      find_surfaces(&row, &surfaces, seen, u_next);
+      find_surfaces(&row, &surfaces, seen, R(1.001) * share * length, u_next);
       way = way_back(&row, seen);
     }
-    way.off = released(way.off, lanes, laws);
+    way.off = released(way.off, region, laws);
     if (row.moves) {
       const Points to = lanes_turned(row.pose, way.normal);
       const Points free = {may.x * to.x, may.y * to.y, may.z * to.z};
@@ -748,11 +791,13 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   scatter_lanes(u.x + way.off * way.back.x, u_next, dofs);
   scatter_lanes(u.y + way.off * way.back.y, u_next + TLED_LANES, dofs);
   scatter_lanes(u.z + way.off * way.back.z, u_next + 2 * TLED_LANES, dofs);
-  // Whoever asks for reactions finds the directions here; of planes that stand still it is there.
-  if (row.moves || (row.ints[SLIDE_SHAPE * TLED_LANES + first] & 1)) {
-    store_lanes(way.back.x, lanes + SLIDE_ALONG * TLED_LANES);
-    store_lanes(way.back.y, lanes + (SLIDE_ALONG + 1) * TLED_LANES);
-    store_lanes(way.back.z, lanes + (SLIDE_ALONG + 2) * TLED_LANES);
+  store_lanes(load_lanes(lanes + SLIDE_SLACK * TLED_LANES) - R(1.001) * absolute(way.off) *
+                  square_root(lanes_inner(way.back, way.back)),
+              lanes + SLIDE_SLACK * TLED_LANES);
+  if (task & 2) {
+    store_lanes(way.back.x, region + REGION_ALONG * TLED_LANES);
+    store_lanes(way.back.y, region + (REGION_ALONG + 1) * TLED_LANES);
+    store_lanes(way.back.z, region + (REGION_ALONG + 2) * TLED_LANES);
   }
 }
 

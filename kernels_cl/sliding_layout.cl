@@ -1,20 +1,24 @@
 // Arrays of sliding nodes and their surfaces (csrc/sim/sliding, csrc/broad_phase, sliding.cl).
 //
-// Rows of lanes: slide_rows[(row of nodes * SLIDE_ROWS + row) * TLED_LANES + lane]. Displacements are
-// those seen from the surface (sliding.cl).
-#define SLIDE_ROWS 24
-#define SLIDE_ANCHOR 0    // 3: displacement when level 2 was last run, m
-#define SLIDE_RADIUS 3    // squared, m^2; 0: level 2 every step
-#define SLIDE_BORDER 4    // 3: unit normal of the nearest border of the region, outward
-#define SLIDE_LIMIT 7     // border . u below this, m
-#define SLIDE_NORMAL 8    // 3: unit normal of the plane; of an edge its direction, of a corner 0
-#define SLIDE_TARGET 11   // plane: normal . u at the distance to keep, m; edge, corner: that distance
-#define SLIDE_ROUND 12    // 0 plane; edge, corner: 1 before the surface, -1 behind
-#define SLIDE_ON 13       // 3: edge, corner: a point of it less the reference position, m
-#define SLIDE_ALONG 16    // 3: way back for each metre off the distance: the normal where all may move
-#define SLIDE_DISTANCE 19  // to keep, m, negative behind the surface
-#define SLIDE_PLACE 20    // 3: reference position
-#define SLIDE_LOSS 23     // what friction took so far, J for each kg of the node
+// Rows of lanes: slide_rows[(row of nodes * SLIDE_ROWS + row) * TLED_LANES + lane], what every step
+// reads, and slide_regions, likewise, the rest. Displacements are those seen from the surface
+// (sliding.cl).
+#define SLIDE_ROWS 9
+#define SLIDE_SLACK 0     // way that may still be gone before the region has to be looked at, m
+#define SLIDE_NORMAL 1    // 3: unit normal of the plane; of an edge its direction, of a corner 0
+#define SLIDE_TARGET 4    // plane: normal . u at the distance to keep, m; edge, corner: that distance
+#define SLIDE_ROUND 5     // 0 plane; edge, corner: 1 before the surface, -1 behind
+#define SLIDE_ON 6        // 3: edge, corner: a point of it less the reference position, m
+
+#define REGION_ROWS 28
+#define REGION_ALONG 0    // 3: way back for each metre off the distance: the normal where all may move
+#define REGION_ANCHOR 3   // 3: displacement when level 2 was last run, m
+#define REGION_RADIUS 6   // of the region's ball, m
+#define REGION_BORDERS 7  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
+#define REGION_MOST_BORDERS 4
+#define REGION_DISTANCE 23  // to keep, m, negative behind the surface
+#define REGION_PLACE 24   // 3: reference position
+#define REGION_LOSS 27    // what friction took so far, J for each kg of the node
 
 // slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]
 #define SLIDE_INTS 4
@@ -36,7 +40,7 @@
 // Per node: candidates[node * SLIDE_CANDIDATES + ...], number first, by distance when level 3 was last
 // run; candidate_reals[node * SLIDE_CANDIDATE_REALS + ...]: position then, the radius within which
 // they are enough, and their distances.
-#define SLIDE_MOST 24
+#define SLIDE_MOST 20
 #define SLIDE_CANDIDATES (SLIDE_MOST + 1)
 #define SLIDE_CANDIDATE_REALS (SLIDE_MOST + 4)
 

@@ -60,6 +60,7 @@ void Simulator::set_prescribed(const std::vector<double>& values,
   for (std::size_t i = 0; i < given.prescribed_dofs.size(); ++i)
     u[given.prescribed_dofs[i]] = values[given.prescribed_channels[i]];
   for (std::size_t i = 0; i < fields.size(); ++i) u[given.field_dofs[i]] = fields[i];
+  if (sliding_) sliding_->forget();
   const auto slots = nodes_to_slots(arrays_, u);
   // Free components keep what they have, velocity included.
   auto before = slots_to_nodes(arrays_, read_slots(*u_[1 - now_]));
@@ -184,7 +185,8 @@ void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput&
     for (std::size_t i = 0; i < batch; ++i) {
       enqueue_step(static_cast<std::int32_t>(i), 0);
       relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i), 0);
-      if (sliding_) sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i));
+      if (sliding_)
+        sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == steps.size());
       now_ = 1 - now_;
     }
     done += batch;
@@ -219,6 +221,7 @@ std::unique_ptr<Simulator> Simulator::in_double() {
 }
 
 void Simulator::take_state(Simulator& other) {
+  if (sliding_) sliding_->forget();
   const auto slots = nodes_to_slots(arrays_, other.displacement());
   for (auto& buffer : u_) write_reals(*buffer, slots);
   const auto past = other.history();

@@ -200,7 +200,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     for (std::size_t i = 0; i < batch; ++i) {
       const std::int64_t at = (clock_steps_ + static_cast<std::int64_t>(i) + 1) / kFieldStride;
       enqueue_step(static_cast<std::int32_t>(i), static_cast<std::int32_t>(at - key));
-      if (sliding_) sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i));
+      if (sliding_) sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == n);
       now_ = 1 - now_;
     }
     starts_ = false;
@@ -263,6 +263,7 @@ void Simulator::set_state(const std::vector<double>& u, const std::vector<double
   write_reals(*u_[1 - now_], before);
   for (auto& buffer : history_)
     write_reals(*buffer, std::vector<double>(std::size_t(arrays_.n_history_rows) * arrays_.lanes));
+  if (sliding_) sliding_->forget();
   clock_start_ = time;
   clock_steps_ = n_steps_ = 0;
   starts_ = true;
@@ -306,6 +307,7 @@ void Simulator::set_raw_state(const RawState& state) {
   u_[now_]->write(state.u.data(), state.u.size());
   u_[1 - now_]->write(state.u_prev.data(), state.u_prev.size());
   history_[now_]->write(state.history.data(), state.history.size());
+  if (sliding_) sliding_->forget();
   clock_start_ = state.clock_start;
   clock_steps_ = state.clock_steps;
   dt_ = state.dt;
@@ -360,6 +362,7 @@ std::vector<double> Simulator::instant_force(const std::vector<double>& u,
                                              const std::vector<double>& activations) {
   write_reals(*u_[now_], nodes_to_slots(arrays_, u));
   write_reals(*history_[now_], past);
+  if (sliding_) sliding_->forget();
   return force_at(kInstant, activations);
 }
 

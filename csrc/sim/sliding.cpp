@@ -13,7 +13,7 @@ namespace {
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
 // Where the kernel takes the index of the step in the table.
-constexpr unsigned kStepIndex = 18;
+constexpr unsigned kStepIndex = 19, kTask = 20;
 
 std::unique_ptr<Buffer> upload(Device& device, const std::vector<double>& values,
                                Precision precision) {
@@ -102,14 +102,14 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   centre_ = 0.5 * (low + high);
   const SurfaceGrids grids = make_surface_grids(given.surfaces, centre_, arrays.order);
 
-  std::vector<double> rows(n_rows_ * SLIDE_ROWS * lanes, 0.0);
+  std::vector<double> regions(n_rows_ * REGION_ROWS * lanes, 0.0);
   std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
   std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes, 0);
   const auto empty = static_cast<std::int32_t>(std::size_t(arrays.n_blocks) * 3 * lanes);
   for (std::size_t place = 0; place < node_at.size(); ++place) {
     const std::size_t row = place / lanes, lane = place % lanes;
     const auto put = [&](int k, double value) {
-      rows[(row * SLIDE_ROWS + k) * lanes + lane] = value;
+      regions[(row * REGION_ROWS + k) * lanes + lane] = value;
     };
     const auto put_int = [&](int k, std::int32_t value) {
       ints[(row * SLIDE_INTS + k) * lanes + lane] = value;
@@ -120,8 +120,9 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     if (node_at[place] == n_nodes_) {
       put_int(SLIDE_DOF, empty);
       put_int(SLIDE_SURFACE, -1);
-      put(SLIDE_RADIUS, 1e30);  // what a moving surface sees of the empty block is somewhere
-      put(SLIDE_LIMIT, 1);
+      // What a moving surface sees of the empty block is somewhere.
+      put(REGION_RADIUS, 1e30);
+      for (int k = 0; k < REGION_MOST_BORDERS; ++k) put(REGION_BORDERS + 4 * k + 3, 1e30);
       continue;
     }
     const std::size_t i = node_at[place];
@@ -131,7 +132,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     const auto at = model.position(node);
     std::int32_t free = 0;
     for (int a = 0; a < 3; ++a) {
-      put(SLIDE_PLACE + a, at[arrays.order[a]] - centre_[arrays.order[a]]);
+      put(REGION_PLACE + a, at[arrays.order[a]] - centre_[arrays.order[a]]);
       if (model.fixed[3 * node + arrays.order[a]]) continue;
       free |= 1 << a;
       if (has_laws_) put_law(SLIDE_MAY + a, 1);
@@ -141,11 +142,12 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     if (free != 7 && motion[given.surface[i]] == 0)
       for (std::size_t l = 0; l < lanes; ++l)
         ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + l] |= 2;
-    put(SLIDE_DISTANCE, given.distance[i]);
+    put(REGION_DISTANCE, given.distance[i]);
     if (!given.friction.empty() && has_laws_) put_law(SLIDE_FRICTION, given.friction[i]);
     if (!given.release.empty() && has_laws_) put_law(SLIDE_RELEASE, given.release[i] ? 1 : 0);
   }
-  rows_ = reals(rows);
+  rows_ = reals(std::vector<double>(n_rows_ * SLIDE_ROWS * lanes, 0.0));
+  regions_ = reals(regions);
   ints_ = integers(ints);
   laws_ = reals(laws);
   candidates_ = integers(std::vector<std::int32_t>(n_rows_ * lanes * SLIDE_CANDIDATES, 0));
@@ -193,8 +195,8 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& step_table, std::i
       unsigned index = 0;
       for (const Buffer* buffer :
            {u[parity], u[1 - parity], static_cast<const Buffer*>(rows_.get()),
-            static_cast<const Buffer*>(ints_.get()), static_cast<const Buffer*>(laws_.get()),
-            static_cast<const Buffer*>(candidates_.get()),
+            static_cast<const Buffer*>(regions_.get()), static_cast<const Buffer*>(ints_.get()),
+            static_cast<const Buffer*>(laws_.get()), static_cast<const Buffer*>(candidates_.get()),
             static_cast<const Buffer*>(candidate_reals_.get()),
             static_cast<const Buffer*>(triangles_.get()), static_cast<const Buffer*>(grids_.get()),
             static_cast<const Buffer*>(grid_reals_.get()),
@@ -208,22 +210,24 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& step_table, std::i
     }
 }
 
-void Sliding::enqueue(int next, std::int32_t step_index) {
+void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   for (Group& group : groups_) {
     group.kernel[next]->set_arg(kStepIndex, step_index);
+    group.kernel[next]->set_arg(kTask, std::int32_t(moved_ ? 1 : 0) | (keep_normals ? 2 : 0));
     group.kernel[next]->enqueue(group.n_items, kGroup);
   }
+  moved_ = false;
 }
 
-std::vector<double> Sliding::read_rows() const {
-  const std::size_t count = n_rows_ * SLIDE_ROWS * std::size_t(lanes_);
+std::vector<double> Sliding::read_regions() const {
+  const std::size_t count = n_rows_ * REGION_ROWS * std::size_t(lanes_);
   std::vector<double> rows(count);
   device_.finish();
   if (precision_ == Precision::kDouble) {
-    rows_->read(rows.data(), count * sizeof(double));
+    regions_->read(rows.data(), count * sizeof(double));
   } else {
     std::vector<float> narrow(count);
-    rows_->read(narrow.data(), count * sizeof(float));
+    regions_->read(narrow.data(), count * sizeof(float));
     std::copy(narrow.begin(), narrow.end(), rows.begin());
   }
   return rows;
@@ -231,13 +235,13 @@ std::vector<double> Sliding::read_rows() const {
 
 std::vector<double> Sliding::normals() const {
   const std::size_t lanes = lanes_;
-  const auto rows = read_rows();
+  const auto rows = read_regions();
   std::vector<double> result(3 * n_nodes_);
   for (std::size_t i = 0; i < n_nodes_; ++i) {
     const std::size_t row = place_[i] / lanes, lane = place_[i] % lanes;
     double length = 0;
     for (int a = 0; a < 3; ++a) {
-      const double value = rows[(row * SLIDE_ROWS + SLIDE_ALONG + a) * lanes + lane];
+      const double value = rows[(row * REGION_ROWS + REGION_ALONG + a) * lanes + lane];
       result[3 * i + order_[a]] = value;
       length += value * value;
     }
@@ -250,9 +254,9 @@ std::vector<double> Sliding::friction_losses() const {
   std::vector<double> result(n_nodes_, 0.0);
   if (!has_laws_) return result;
   const std::size_t lanes = lanes_;
-  const auto rows = read_rows();
+  const auto rows = read_regions();
   for (std::size_t i = 0; i < n_nodes_; ++i)
-    result[i] = rows[(place_[i] / lanes * SLIDE_ROWS + SLIDE_LOSS) * lanes + place_[i] % lanes];
+    result[i] = rows[(place_[i] / lanes * REGION_ROWS + REGION_LOSS) * lanes + place_[i] % lanes];
   return result;
 }
 

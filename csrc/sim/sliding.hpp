@@ -41,8 +41,11 @@ class Sliding {
   std::size_t bytes() const { return bytes_; }
   // Puts the nodes of a displacement back to their distances.
   void bind(const Buffer* const (&u)[2], const Buffer& step_table, std::int32_t step_reals);
-  void enqueue(int next, std::int32_t step_index);
-  // Unit normals of the surfaces at the nodes when they were last moved, 3 a node in the order
+  // keep_normals: for normals().
+  void enqueue(int next, std::int32_t step_index, bool keep_normals);
+  // Nodes were put elsewhere but by steps.
+  void forget() { moved_ = true; }
+  // Unit normals of the surfaces at the nodes when normals were last kept, 3 a node in the order
   // given, zero in held components: where their reactions point.
   std::vector<double> normals() const;
   // What friction took from each node since this was made, J for each kg of its mass.
@@ -57,19 +60,19 @@ class Sliding {
   };
   std::unique_ptr<Buffer> reals(const std::vector<double>& values);
   std::unique_ptr<Buffer> integers(const std::vector<std::int32_t>& values);
-  std::vector<double> read_rows() const;
+  std::vector<double> read_regions() const;
 
   Device& device_;
   Precision precision_;
   std::size_t bytes_ = 0, n_nodes_, n_rows_ = 0, n_moving_;
   int lanes_;
-  bool has_laws_;
+  bool has_laws_, moved_ = true;
   std::array<int, 3> order_;
   Vec3 centre_;
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
   std::vector<Group> groups_;
-  std::unique_ptr<Buffer> rows_, ints_, laws_, candidates_, candidate_reals_, triangles_, grids_,
-      grid_reals_, cell_begin_, cell_triangles_;
+  std::unique_ptr<Buffer> rows_, regions_, ints_, laws_, candidates_, candidate_reals_, triangles_,
+      grids_, grid_reals_, cell_begin_, cell_triangles_;
 };
 
 // Squared distance and nearest triangle of points (3 each) as the device's grid search finds them.

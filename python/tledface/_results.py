@@ -138,6 +138,13 @@ class Results:
         """
         return np.asarray(self._core.element_state(self._activations_now())["stress"])
 
+    def von_mises(self) -> NDArray[np.float64]:
+        """Von Mises stress of `stress` at every element's centre, (n_elem,) Pa."""
+        xx, yy, zz, xy, yz, xz = self.stress().T
+        direct = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
+        squared: NDArray[np.float64] = 0.5 * direct + 3.0 * (xy**2 + yz**2 + xz**2)
+        return np.sqrt(squared)
+
     def strain_energy(self) -> NDArray[np.float64]:
         """Strain energy density of every element without muscles and hourglass, (n_elem,) J/m3."""
         return np.asarray(self._core.element_state(self._activations_now())["energy_density"])

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from tledface.model import Model
     from tledface.scene import Scene
     from tledface.simulator import Simulator
+    from tledface.surface import BoundSurface
 
 __all__ = [
     "RunResult",
@@ -57,11 +58,11 @@ def run_scene(
 ) -> RunResult:
     """Simulate a scene and write its results into ``out_dir``.
 
-    The folder gets ``frames.vtkhdf`` (the voxels over time), ``frames_surface.vtkhdf`` (the skin
-    over time), ``skin.ply`` (the skin at the end, m), an OBJ file for each of ``[[surfaces]]``,
-    ``wrinkles.png`` and ``run.json``. Nothing
-    is written before model and simulator stand. A run that fails midway keeps its frames, and its
-    checkpoints (``[output] checkpoint_every``) for `resume_run`.
+    The folder gets ``frames.vtkhdf`` (the voxels over time, with von Mises stress),
+    ``frames_surface.vtkhdf`` (the skin over time, with the stress under it), ``skin.ply`` (the skin
+    at the end, m), an OBJ file for each of ``[[surfaces]]``, ``wrinkles.png`` and ``run.json``.
+    Nothing is written before model and simulator stand. A run that fails midway keeps its frames,
+    and its checkpoints (``[output] checkpoint_every``) for `resume_run`.
 
     Arguments: ``device`` as for ``Simulator``; ``force`` replaces an earlier run in ``out_dir``;
     ``model``, the scene's model where it is built already; ``about``, more for ``run.json``.
@@ -256,7 +257,7 @@ def _simulate(
         checkpoints.wait(sim)
     started = time.perf_counter() - notes["wall"]
     with writer, ProgressBar("simulating", duration, quiet=quiet) as bar:
-        frames = _Frames(writer, fps, pace, notes["frames"], notes["last_time"])
+        frames = _Frames(writer, model.surfaces[surface], fps, pace, notes)
 
         def take_checkpoint(sim: Simulator) -> None:
             now = {
@@ -309,16 +310,29 @@ class _Frames:
     """Frames at equal times, the first at the start, written at ``pace`` times their time."""
 
     def __init__(
-        self, writer: VTKHDFWriter, fps: float, pace: float, count: int, last_time: float
+        self,
+        writer: VTKHDFWriter,
+        surface: BoundSurface,
+        fps: float,
+        pace: float,
+        notes: Mapping[str, Any],
     ) -> None:
-        self._writer, self._fps, self._pace = writer, fps, pace
-        self.count, self.last_time = count, last_time
+        self._writer, self._surface, self._fps, self._pace = writer, surface, fps, pace
+        self.count: int = notes["frames"]
+        self.last_time: float = notes["last_time"]
 
     def due(self, now: float) -> bool:
         return now >= self.count / self._fps
 
     def take(self, sim: Simulator) -> None:
-        self._writer.append(sim.time * self._pace, sim.u)
+        # Stress may depend on the past, which frames do not hold; an evaluation is some five steps.
+        stress = sim.von_mises()
+        self._writer.append(
+            sim.time * self._pace,
+            sim.u,
+            von_mises=stress,
+            on_surface={"von_mises": self._surface.of_elements(stress)},
+        )
         self.count += 1
         self.last_time = sim.time
 
@@ -360,7 +374,7 @@ def _write_results(
     for name, role in _shown_beside(model, surface):
         other = model.surfaces[name]
         write_surface(files[role], other.displaced(u), other.polygons)
-    view: dict[str, Any] = {}
+    view: dict[str, Any] = {"profile": False}
     if folds is not None:
         view = {"profile": folds.line}
         if abs(folds.up[2]) < 0.9:

@@ -158,6 +158,33 @@ class BoundSurface:
             result += self._weights[:, corner, None] * values.take(nodes, axis=0)
         return result
 
+    def of_elements(self, field: ArrayLike) -> NDArray[np.float64]:
+        """Carry a field of the elements to the vertices.
+
+        Args:
+            field: (n_elem,) float, in the order of the model that the surface is bound to.
+
+        Returns:
+            (nv,), NaN for vertices that stay at rest. The mean over those elements that carry a
+            vertex and meet at a node, interpolated from the nodes to the vertex: smooth along the
+            surface, and only of what lies right under it.
+        """
+        values = np.asarray(field, dtype=np.float64)
+        if values.ndim != 1 or (self.element.size and self.element.max() >= len(values)):
+            raise InputError(
+                f"element field: got shape {values.shape}, need (n_elem,), more than the element "
+                f"{self.element.max(initial=0)} that the surface is bound to"
+            )
+        carrying, first = np.unique(self.element, return_index=True)
+        nodes = self.corner_nodes[first]
+        total = np.bincount(nodes.reshape(-1), np.repeat(values[carrying], 8))
+        at_nodes = total / np.maximum(np.bincount(nodes.reshape(-1)), 1)
+        # A vertex outside its element has the value of the nearest point in it.
+        weights = _trilinear_weights(np.clip(self.local, 0.0, 1.0))
+        result: NDArray[np.float64] = (weights * at_nodes[self.corner_nodes]).sum(axis=1)
+        result[~self.bound] = np.nan
+        return result
+
     def displaced(self, u: ArrayLike) -> NDArray[np.float64]:
         """Return the vertices moved by a displacement.
 

@@ -107,6 +107,9 @@ class FakeSimulator:
         u[:, 2] = 0.1 * self.time * np.cos(2 * np.pi * (x - 0.03) / 0.012) * (z / 0.004)
         return u
 
+    def von_mises(self):
+        return 1e3 * self.time * self.model.centres[:, 2]
+
     def activate(self, name, schedule):
         self.schedules[name] = schedule
 

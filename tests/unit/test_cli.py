@@ -1,16 +1,19 @@
 """The command line: verbs, exit codes, one-line errors, JSON."""
 
+import inspect
 import json
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
 
 import fake_run
+from tledface.catalogue import Example, shipped
 from tledface.cli import app
-from tledface.errors import SimulationError
+from tledface.errors import InputError, SimulationError
 from tledface.scene import Scene
 
 VERBS = ("doctor", "demo", "examples", "new", "check", "build", "run", "resume", "bench", "schema")
@@ -243,6 +246,156 @@ def test_demo_never_replaces_a_run_of_something_else(call, tmp_path, demo_module
     scene = fake_run.write_scene(tmp_path)
     assert call("run", scene, "-o", "out", "-q").exit_code == 0
     assert "--force" in error_line(call("demo", "-o", "out"))
+
+
+@pytest.fixture
+def varied(monkeypatch):
+    """A shipped scene with variants and settings; what it was called with."""
+    calls = []
+
+    def write(
+        folder,
+        *,
+        voxel: float = 0.5,
+        height: float | None = None,
+        rows: int = 3,
+        layers: bool = True,
+        hair: str = "2 MPa",
+        coarse: bool = False,
+        data: str | Path | None = None,
+        fine: tuple = (),
+    ):
+        if voxel <= 0:
+            raise InputError(f"varied voxel: got {voxel}")
+        calls.append({key: value for key, value in locals().items() if key != "calls"})
+        return _write(folder / "deep")
+
+    module = SimpleNamespace(
+        __doc__="Varied.",
+        write=write,
+        VARIANTS={"reference": {}, "thin": {"height": 0.25}},
+        ABOUT_VARIANTS={"thin": "finer"},
+    )
+    plain = SimpleNamespace(__doc__="Plain.", write=lambda folder, *, mesh: _write(folder))
+    monkeypatch.setattr(
+        "tledface.cli.demos.shipped", lambda: {"varied": module, "plain-one": plain}
+    )
+    return calls
+
+
+def test_a_demo_s_settings_reach_its_scene_by_type(call, tmp_path, varied):
+    (tmp_path / "mesh.ply").touch()
+    words = "--set voxel=1 --set rows=7 --set layers=false --set hair=none --coarse"
+    result = call("demo", "varied", "--variant", "thin", *words.split(), "--data", "mesh.ply")
+    assert result.exit_code == 0, result.output
+    got = varied[-1]
+    given = {"voxel": 1.0, "rows": 7, "layers": False, "hair": "none", "coarse": True}
+    assert {key: got[key] for key in given} == given
+    assert type(got["voxel"]) is float
+    assert (got["height"], got["data"]) == (0.25, tmp_path / "mesh.ply")
+    folder = tmp_path / "tledface-varied-thin"
+    about = json.loads((folder / "run.json").read_text())
+    assert (about["demo"], about["variant"]) == ("varied", "thin")
+    assert about["settings"] == {**given, "data": str(tmp_path / "mesh.ply")}
+    assert Path(about["scene"]).samefile(folder / "scene" / "deep" / "brow.toml")
+    assert sorted(path.name for path in folder.iterdir() if path.name.startswith(".")) == []
+    # The variant's own settings give way to those of the command line.
+    assert (
+        call("demo", "varied", "--variant", "thin", "--set", "height=none", "-o", "b").exit_code
+        == 0
+    )
+    assert varied[-1]["height"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("varied --variant thick", "'thick': no such variant; nearest: thin; allowed: reference,"),
+        ("varied --set voxle=1", "--set voxle: no such setting; nearest: voxel; allowed: voxel, h"),
+        ("varied --set voxel=1 --set voxel=2", "varied --set voxel: got it twice"),
+        ("varied --set voxel", "--set 'voxel': no value; give it as KEY=VALUE"),
+        ("varied --set voxel=thin", "--set voxel: got 'thin'; allowed is a number"),
+        ("varied --set voxel=nan", "--set voxel: got 'nan'; allowed is a number"),
+        ("varied --set voxel=none", "--set voxel: got 'none'; allowed is a number"),
+        ("varied --set height=x", "--set height: got 'x'; allowed is a number or none"),
+        ("varied --set rows=1.5", "--set rows: got '1.5'; allowed is a whole number"),
+        ("varied --set layers=2", "--set layers: got '2'; allowed is true or false"),
+        ("varied --set fine=1", "--set fine: no such setting; allowed: voxel"),
+        ("varied --data none.ply", "none.ply: no such file or folder"),
+        ("varied --set voxel=-1", "varied voxel: got -1.0"),
+        ("flat-block --variant thin", "demo 'flat-block': no such scene"),
+    ],
+)  # fmt: skip
+def test_a_wrong_setting_is_one_line_and_leaves_nothing(call, tmp_path, varied, words, message):
+    assert message in error_line(call("demo", *words.split()))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_demo_without_settings_says_so(call, demo_module):
+    for words in ("--coarse", "--data .", "--set voxel=1"):
+        assert "no such setting; it has none" in error_line(call("demo", *words.split()))
+
+
+def test_a_setting_that_is_needed(call, monkeypatch):
+    def write(folder, *, data: Path):
+        return _write(folder)
+
+    monkeypatch.setattr(
+        "tledface.cli.demos.shipped", lambda: {"own": SimpleNamespace(__doc__="", write=write)}
+    )
+    assert "own: data is missing; give --data PATH" in error_line(call("demo", "own"))
+
+
+def test_other_settings_never_replace_a_run_unasked(call, tmp_path, varied, monkeypatch):
+    """Nor does a scene that cannot be written or built, even when it is asked to."""
+    assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
+    assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
+    for words in ("--set voxel=1", "--variant thin", "--coarse"):
+        assert "--force" in error_line(call("demo", "varied", "-o", "out", *words.split()))
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
+    error_line(call("demo", "varied", "-o", "out", "--force", "--set", "voxel=-1"))
+    with monkeypatch.context() as patch:
+        patch.setattr(Scene, "build", lambda self: (_ for _ in ()).throw(InputError("no tissue")))
+        assert "no tissue" in error_line(call("demo", "varied", "-o", "out", "--force"))
+    assert {path for path in (tmp_path / "out").rglob("*")} == set(before)
+    assert all(path.stat().st_mtime_ns == t for path, t in before.items() if path.is_file())
+    assert call("demo", "varied", "-o", "out", "--force", "--variant", "thin").exit_code == 0
+
+
+def test_an_unfinished_demo_is_resumed_rather_than_begun_again(call, tmp_path, varied):
+    assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
+    about = json.loads((tmp_path / "out" / "run.json").read_text())
+    (tmp_path / "out" / "run.json").write_text(json.dumps({**about, "state": "running"}))
+    (tmp_path / "out" / "checkpoint.h5").touch()
+    assert "`tledface resume out` goes on" in error_line(call("demo", "varied", "-o", "out"))
+    assert call("demo", "varied", "-o", "out", "--force").exit_code == 0
+
+
+def test_examples_show_variants_and_settings(call, varied):
+    assert "thin" not in call("examples").stdout
+    lines = [line.strip() for line in call("examples", "--list").stdout.splitlines()]
+    assert "--variant thin       finer" in lines
+    assert "--coarse" in lines and "--data PATH" in lines
+    assert "--set voxel=0.5 height=none rows=3 layers=true hair='2 MPa'" in lines
+    found = json.loads(call("examples", "--json").stdout)
+    assert found["variants"]["varied"] == {"reference": "", "thin": "finer"}
+    assert found["settings"]["varied"]["voxel"]["default"] == 0.5
+    assert found["settings"]["plain-one"] == {}
+
+
+def test_every_shipped_example_fits_the_command_line():
+    """Each variant's keywords are parameters; each has a line; the first is the reference."""
+    for name, module in shipped().items():
+        example = Example.of(name, module)
+        variants = getattr(module, "VARIANTS", {"reference": {}})
+        assert next(iter(variants.items())) == ("reference", {}), name
+        assert set(getattr(module, "ABOUT_VARIANTS", variants)) == set(variants), name
+        assert example.about, name
+        parameters = inspect.signature(example.call).parameters
+        for variant, keywords in variants.items():
+            assert set(keywords) <= set(parameters), (name, variant)
+        for key in ("coarse", "data"):
+            assert (key in parameters) == (key in example.settings), (name, key)
 
 
 def test_unknown_demo_names_the_nearest(call, demo_module):

@@ -41,6 +41,13 @@ def test_pictures_of_every_view(tmp_path, options):
     assert os.listdir(tmp_path) == ["w.png"]
 
 
+def test_a_body_without_folds_has_no_profile(tmp_path):
+    rest, faces = skin(61, height=0.0)
+    with_profile = wrinkle_picture(tmp_path / "a.png", rest, skin(61)[0], faces)
+    without = wrinkle_picture(tmp_path / "b.png", rest, skin(61)[0], faces, profile=False)
+    assert png_size(without)[1] < png_size(with_profile)[1] - 250
+
+
 def test_a_named_view_works_with_any_up(tmp_path):
     vertices, faces = skin(31)
     for order in ([2, 0, 1], [1, 2, 0]):

@@ -233,7 +233,7 @@ def test_render_verb_draws_a_run(tmp_path):
         (["m.h5", "--cut", "4"], "--cut: got '4'; allowed: an axis and a place"),
         (["m.h5", "--cut", "x=4 kg"], "--cut: got '4 kg'"),
         (["m.h5", "--cut", "x=400"], "no voxel lies at x = 400 mm"),
-        (["empty", "--cut", "x=0"], "a run's folder, which has no tissues"),
+        (["empty", "--cut", "x=0"], "is a run's folder; add --stress"),
         (["m.h5", "-o", "none/p"], "there is no folder"),
         (["skin.stl"], "not an HDF5 file"),
         (["brow.toml"], "is a scene; `tledface build brow.toml -o MODEL.h5` makes a model"),

@@ -187,10 +187,10 @@ def test_a_disk_too_full_for_frames_ends_the_run_and_it_goes_on_later(
 ):
     append = VTKHDFWriter.append
 
-    def full(self, time, u):
+    def full(self, time, u, **fields):
         if time > 3.5e-3:
             raise OSError(errno.ENOSPC, "No space left on device")
-        append(self, time, u)
+        append(self, time, u, **fields)
 
     monkeypatch.setattr(VTKHDFWriter, "append", full)
     with pytest.raises(OSError, match="No space left"):

@@ -1,42 +1,14 @@
-"""The main job: closed surfaces in, folded skin out. Full size, on the default device."""
+"""Real anatomy: closed surfaces of an atlas in, a raised brow out."""
 
-import json
 import math
 
 import numpy as np
-import pytest
 import trimesh
 
-from tledface.examples import flat_block
 from tledface.io.surfaces import write_surface
-from tledface.run import run_scene, simulator_of
+from tledface.run import simulator_of
 from tledface.scene import Scene
 from tledface.surface import BoundSurface
-
-
-@pytest.fixture(scope="module")
-def folded(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("flat-block")
-    scene = Scene.load(flat_block.write(folder / "scene"))
-    return run_scene(scene, folder / "out", quiet=True)
-
-
-def test_flat_block_folds(folded):
-    """Warburton & Maddock's block: at least three folds, 5 to 8 mm apart, a millimetre high."""
-    assert (folded.n_elements, folded.n_nodes) == (129_600, 146_410)
-    assert folded.folds.count >= 3
-    assert 5e-3 <= folded.folds.wavelength <= 8e-3
-    assert folded.folds.amplitude > 1e-3
-    assert json.loads((folded.directory / "run.json").read_text())["state"] == "finished"
-    for path in folded.files.values():
-        assert path.stat().st_size > 10_000
-
-
-def test_one_skin_material_does_not_fold(folded, tmp_path):
-    scene = Scene.load(flat_block.write(tmp_path / "scene", single_material=True))
-    plain = run_scene(scene, tmp_path / "out", quiet=True)
-    assert plain.max_displacement > 5e-3  # the muscle does contract
-    assert plain.folds.amplitude < folded.folds.amplitude / 5
 
 
 def test_brow_rises_on_real_anatomy(shared_data, tmp_path):

@@ -71,8 +71,6 @@ constexpr KernelEntry kEntries[] = {
     TLED_ENTRY(hex_integrate_nodes), TLED_ENTRY(hex_gather_forces),
     TLED_ENTRY(hex_state),           TLED_ENTRY(hex_growth),
     TLED_ENTRY(slide_nodes),         TLED_ENTRY(grid_nearest),
-    TLED_ENTRY(slide_nodes),
-    TLED_ENTRY(grid_nearest),
 };
 constexpr tledface::native::KernelTable kTable = {TLED_INSTRUCTION_SET, TLED_LANES, kEntries,
                                                   sizeof kEntries / sizeof kEntries[0]};

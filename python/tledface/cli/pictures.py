@@ -25,7 +25,8 @@ def render(
         list[str] | None,
         typer.Option(
             metavar="VIEW",
-            help="front (from -y, +z up), back, side (from +x), top; may be given several times.",
+            help="front (from -y, +z up), back, side (from +x), top; of a run also oblique, a side "
+            "as -y, or a direction as 0.3,-1,0.2; may be given several times.",
             show_default="front and side; as the run's own picture",
         ),
     ] = None,
@@ -33,15 +34,30 @@ def render(
         list[str] | None,
         typer.Option(
             metavar="AXIS=PLACE",
-            help='Cut a model there, as x=0 or "z=1550 mm" (mm without a unit); may be given '
-            "several times.",
+            help='Cut a model, or a run\'s stress, there, as x=0 or "z=1550 mm" (mm without a '
+            "unit); may be given several times.",
             show_default="x through the middle",
+        ),
+    ] = None,
+    stress: Annotated[
+        bool,
+        typer.Option(
+            "--stress", help="Of a run: von Mises stress on the skin and in cuts, before and after."
+        ),
+    ] = False,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help='Of a run: the frame to show, as "30 ms", instead of the last.',
+            show_default="the last",
         ),
     ] = None,
     json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    """Draw a model (tissues, fibres, boundary nodes, cuts) or the skin at the end of a run."""
+    """Draw a model (tissues, fibres, boundary nodes, cuts), or a run's skin or stress."""
+    from tledface import units
     from tledface.errors import InputError
     from tledface.model import Model
     from tledface.model_picture import model_pictures
@@ -50,12 +66,19 @@ def render(
 
     cuts = [_plane(text) for text in cut] if cut else None
     if source.is_dir():
-        if cuts is not None:
+        if cuts is not None and not stress:
             raise InputError(
-                f"--cut: {source} is a run's folder, which has no tissues; give a model file"
+                f"--cut: {source} is a run's folder; add --stress for the stress in the cut, or "
+                "give a model file for its tissues"
             )
+        time = None if at is None else units.parse(at, "time", key="--at")
         with spinner("drawing", quiet=quiet or json):
-            files = run_pictures(source, output, views=view)
+            files = run_pictures(source, output, views=view, at=time, stress=stress, cuts=cuts)
+    elif stress or at is not None:
+        raise InputError(
+            f"{'--stress' if stress else '--at'}: {source} is not the folder of a run; give one "
+            "that `tledface run` made"
+        )
     elif source.suffix.lower() == ".toml":
         raise InputError(
             f"render {source}: is a scene; `tledface build {source} -o MODEL.h5` makes a model to "

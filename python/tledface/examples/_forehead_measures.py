@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface.metrics import line_profile, wrinkles
-from tledface.run_picture import surface_frames
+from tledface.run_frames import RunFrames
 
 __all__ = ["Measures", "measure", "measure_surfaces"]
 
@@ -70,7 +70,8 @@ class Measures:
 
 def measure(directory: str | Path) -> Measures:
     """Measure a run of the forehead at its last frame; raises InputError if there is none."""
-    return measure_surfaces(*surface_frames(Path(directory)))
+    frames = RunFrames(directory)
+    return measure_surfaces(*frames.surface((0, frames.at(None))))
 
 
 def measure_surfaces(rest: ArrayLike, moved: ArrayLike, faces: ArrayLike) -> Measures:

@@ -17,25 +17,41 @@ from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
 from tledface.io.surfaces import write_surface
 
-__all__ = ["LENGTH", "THICKNESS", "WIDTH", "write"]
+__all__ = ["ABOUT_VARIANTS", "LENGTH", "THICKNESS", "VARIANTS", "WIDTH", "write"]
 
-# mm. A band of this length shortens to 27 mm, which holds four folds; 30 mm long, three.
+VARIANTS: dict[str, dict[str, object]] = {
+    "reference": {},
+    "single-material": {"single_material": True},
+    # Half the corneum in voxels half as high: the top layer of voxels has the same material, as in
+    # the paper's Fig. 12, and is half as thick.
+    "thin": {"voxel_height": 0.25, "corneum": 0.01},
+    "young": {"corneum_modulus": 24.0},
+}
+ABOUT_VARIANTS: dict[str, str] = {
+    "reference": "three layers, corneum of 48 MPa",
+    "single-material": "all skin of one material: no folds",
+    "thin": "voxels 0.25 mm high: finer folds",
+    "young": "corneum of 24 MPa",
+}
+
+_Layers = list[tuple[str, float | None, str]]
+
+# mm. A band of 40 mm shortens to 27 mm, which holds four folds; 30 mm long, three.
 LENGTH, WIDTH, THICKNESS = 60.0, 60.0, 4.5
-BAND_LOW = (10.0, 10.0, 0.5)
-BAND_HIGH = (50.0, 50.0, 1.5)
+_BAND_DEPTHS = (0.5, 1.5)
+# Of length and width, left free at each end of the band.
+_MARGIN = 1.0 / 6.0
 
-_LAYERS = (
-    ("stratum corneum", 0.02, "48 MPa"),
-    ("dermis", 1.8, "81.4 kPa"),
-    ("hypodermis", None, "34 kPa"),
-)
-_SINGLE_LAYER = (("skin", None, "81.4 kPa"),)
+_DERMIS, _HYPODERMIS = "81.4 kPa", "34 kPa"
 
 
 def write(
     folder: str | Path,
     *,
     single_material: bool = False,
+    corneum: float = 0.02,
+    corneum_modulus: float = 48.0,
+    width: float = WIDTH,
     voxel: float = 0.5,
     voxel_height: float | None = None,
     triangle: float = 0.5,
@@ -45,6 +61,9 @@ def write(
     Args:
         folder: Existing or new folder; files of the same names are replaced.
         single_material: One skin material (the dermis) instead of three: no folds form.
+        corneum: Thickness of the stratum corneum, mm.
+        corneum_modulus: Its Young's modulus, MPa.
+        width: Width of the block, mm; the muscle covers the middle two thirds.
         voxel: Voxel size, mm.
         voxel_height: Voxel size in depth, mm; None: ``voxel``.
         triangle: Size of the triangles on the top, mm.
@@ -57,27 +76,48 @@ def write(
     """
     folder = Path(folder)
     height = voxel if voxel_height is None else voxel_height
-    for name, size in (("voxel", voxel), ("voxel_height", height), ("triangle", triangle)):
+    for name, size in (
+        ("corneum", corneum),
+        ("width", width),
+        ("voxel", voxel),
+        ("voxel_height", height),
+        ("triangle", triangle),
+    ):
         if not size > 0.0:
             raise InputError(f"flat block {name}: got {size}, allowed is a length above 0 mm")
+    if not corneum_modulus > 0.0:
+        raise InputError(
+            f"flat block corneum_modulus: got {corneum_modulus}, allowed is a pressure above 0 MPa"
+        )
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another") from None
-    write_surface(folder / "skin.stl", *_skin(triangle))
-    write_surface(folder / "frontalis.stl", *_box(BAND_LOW, BAND_HIGH))
+    write_surface(folder / "skin.stl", *_skin(triangle, width))
+    low, high = (
+        (share * LENGTH, share * width, depth)
+        for share, depth in zip((_MARGIN, 1.0 - _MARGIN), _BAND_DEPTHS, strict=True)
+    )
+    write_surface(folder / "frontalis.stl", *_box(low, high))
     path = folder / ("flat-block-single.toml" if single_material else "flat-block.toml")
-    text = _scene(_SINGLE_LAYER if single_material else _LAYERS, (voxel, voxel, height))
+    layers: _Layers = [
+        ("stratum corneum", corneum, f"{corneum_modulus:g} MPa"),
+        ("dermis", 1.8, _DERMIS),
+        ("hypodermis", None, _HYPODERMIS),
+    ]
+    if single_material:
+        layers = [("skin", None, _DERMIS)]
+    text = _scene(layers, (voxel, voxel, height), width)
     with atomic_path(path, "scene") as part:
         part.write_text(text, encoding="utf-8")
     return path
 
 
-def _skin(triangle: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _skin(triangle: float, width: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return a closed block: fine triangles on top, strips down the sides, a fan below."""
     nx = max(1, round(LENGTH / triangle))
-    ny = max(1, round(WIDTH / triangle))
-    x, y = np.linspace(0.0, LENGTH, nx + 1), np.linspace(0.0, WIDTH, ny + 1)
+    ny = max(1, round(width / triangle))
+    x, y = np.linspace(0.0, LENGTH, nx + 1), np.linspace(0.0, width, ny + 1)
     top = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((nx + 1, ny + 1), THICKNESS)], -1)
     index = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
     a, b, c, d = index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]
@@ -96,7 +136,7 @@ def _skin(triangle: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         np.stack([after, lower, lower_after], 1),
         np.stack([lower_after, lower, centre], 1),
     ]
-    middle = [[LENGTH / 2, WIDTH / 2, 0.0]]
+    middle = [[LENGTH / 2, width / 2, 0.0]]
     return np.concatenate([vertices, below, middle]), np.concatenate([one, two, *sides])
 
 
@@ -111,9 +151,7 @@ def _box(
     return np.asarray(low) + corners * (np.asarray(high) - np.asarray(low)), faces
 
 
-def _scene(
-    layers: tuple[tuple[str, float | None, str], ...], voxel: tuple[float, float, float]
-) -> str:
+def _scene(layers: _Layers, voxel: tuple[float, float, float], width: float) -> str:
     def material(modulus: str) -> str:
         return (
             f'material = {{ model = "neo_hookean", youngs_modulus = "{modulus}", '
@@ -132,7 +170,7 @@ layer_bending = "blended"
 skin = "skin.stl"
 voxel = [{", ".join(f"{edge:g}" for edge in voxel)}]
 # The block's top is the skin's outside; its sides and bottom are cuts.
-outer = [[[-1, -1, {THICKNESS - 0.01:g}], [{LENGTH + 1:g}, {WIDTH + 1:g}, {THICKNESS + 0.01:g}]]]
+outer = [[[-1, -1, {THICKNESS - 0.01:g}], [{LENGTH + 1:g}, {width + 1:g}, {THICKNESS + 0.01:g}]]]
 """
     ]
     for name, thickness, modulus in layers:
@@ -150,7 +188,7 @@ activation = {{ ramp = [0.0, 0.75], over = "50 ms" }}
 
 [boundary]
 fixed = [
-  {{ box = [[-1, -1, -0.01], [{LENGTH + 1:g}, {WIDTH + 1:g}, 0.01]], components = "z" }},
+  {{ box = [[-1, -1, -0.01], [{LENGTH + 1:g}, {width + 1:g}, 0.01]], components = "z" }},
 ]
 
 [solver]

@@ -342,12 +342,20 @@ class VTKHDFWriter(_TimeSeries):
         for name, values in fields.items():
             root["CellData"].create_dataset(name, data=values)
 
-    def append(self, time: float, u: ArrayLike, **arrays: ArrayLike) -> None:
+    def append(
+        self,
+        time: float,
+        u: ArrayLike,
+        *,
+        on_surface: Mapping[str, ArrayLike] | None = None,
+        **arrays: ArrayLike,
+    ) -> None:
         """Add a frame.
 
         Args:
             time: s, above that of the last frame.
             u: (n_nodes, 3) displacement, m.
+            on_surface: Point or cell data of the surface by name; needs a surface.
             arrays: More point or cell data by name, (n_nodes,) or (n_elem,) or with columns;
                 the same names in every frame.
 
@@ -368,7 +376,8 @@ class VTKHDFWriter(_TimeSeries):
         self._append_arrays({"displacement": ("Point", displacement.astype(np.float32))} | checked)
         self._add_step(time, first_point=0)
         if self._surface is not None and self._surface_writer is not None:
-            self._surface_writer.append(time, self._surface.displaced(displacement))
+            moved = self._surface.displaced(displacement)
+            self._surface_writer.append(time, moved, **(on_surface or {}))
 
     def note_time_scaling(self, factor: float) -> None:
         """Keep with the times of both files that they are this many times the simulated ones."""
