@@ -156,7 +156,7 @@ def test_brow_rises_in_a_short_run(head, figure):
     """A gentle contraction at 1.5 mm: finite, nothing inverted, the brow goes up."""
     scene = Scene.load(head / "forehead.toml")
     model = scene.build()
-    assert 10_000 < model.n_elements < 25_000
+    assert 8_000 < model.n_elements < 12_000
     assert all(len(muscle.elements) > 100 for muscle in model.muscles)
     sim = simulator_of(scene, model, tf.device.resolve("native"))
     sim.activate("frontalis", tf.ramp(0.0, 0.15, 3e-3))
@@ -254,9 +254,9 @@ def coarse(tmp_path_factory):
 @pytest.mark.slow
 def test_coarse_half_wrinkles(coarse, figure):
     result, found = coarse("reference")
-    figure("coarse: brow rise, mm", 1e3 * found.brow_rise, 10.5, absolute=2.0)
+    figure("coarse: brow rise, mm", 1e3 * found.brow_rise, 14.0, absolute=1.5)
     figure("coarse: folds on the line with fewest", min(found.folds.values()), 5, absolute=1)
-    figure("coarse: distance of folds, mm", 1e3 * found.wavelength, 8.0, absolute=1.5)
+    figure("coarse: distance of folds, mm", 1e3 * found.wavelength, 7.0, absolute=1.0)
     assert result.added_mass.share < 5.0
 
 
@@ -269,16 +269,16 @@ def test_skin_of_one_layer_does_not_fold(coarse):
 
 
 @pytest.mark.slow
-def test_bone_that_holds_halves_the_rise(coarse, figure):
+def test_bone_that_holds_takes_half_the_rise_and_more(coarse, figure):
     share = coarse("fixed-bone")[1].brow_rise / coarse("reference")[1].brow_rise
-    figure("coarse: rise with held bone nodes over that of sliding ones", share, 0.5, absolute=0.15)
+    figure("coarse: rise with held bone nodes over that of sliding ones", share, 0.3, absolute=0.12)
 
 
 @pytest.mark.slow
 def test_frown_lowers_the_brow(coarse, figure):
     _, found = coarse("frown")
-    figure("coarse: frown, rise between the brows, mm", 1e3 * found.root_rise, -2.0, absolute=1.0)
-    assert found.brow_rise < 0.0
+    figure("coarse: frown, rise between the brows, mm", 1e3 * found.root_rise, -1.4, absolute=0.6)
+    figure("coarse: frown, rise of the brow, mm", 1e3 * found.brow_rise, -2.4, absolute=0.8)
 
 
 @pytest.mark.slow

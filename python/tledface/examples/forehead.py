@@ -43,7 +43,7 @@ ABOUT_VARIANTS: dict[str, str] = {
     "frontalis-only": "no procerus and no corrugators",
     "single-layer": "skin of one material: no folds",
     "no-galea": "frontalis has nothing to pull against",
-    "fixed-bone": "the deep side is held to the bone instead of sliding: half the rise",
+    "fixed-bone": "the deep side is held to the bone instead of sliding: a third of the rise",
 }
 
 _ANIMATIONS = ("raise", "frown")
