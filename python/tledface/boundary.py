@@ -272,7 +272,7 @@ def _slide(
     skin: tuple[Floats, NDArray[np.integer]],
     held: Sequence[_Claim],
 ) -> tuple[int, list[dict[str, Any]]]:
-    """Let nodes slide; return how many do, and what else binds nodes that could."""
+    """Let nodes slide, or hold them; return how many, and what else binds nodes that could."""
     chosen = _named(bones, spec.on, "boundary.sliding.on")
     faces, _, normals = model.boundary()
     outermost = np.unique(faces).astype(np.int64)
@@ -308,6 +308,10 @@ def _slide(
             continue
         bone = bones[number]
         nodes = outermost[here]
+        if spec.held:
+            model.fix(_mask(model, nodes), "xyz")
+            model.groups.append(NodeGroup("fixed", bone.name, nodes))
+            continue
         ground = SlidingSurface(bone.name, bone.vertices, bone.faces)
         model._slide(
             nodes, found["distance"][here], ground, friction=spec.friction, release=spec.release

@@ -377,10 +377,11 @@ def _write_results(
     view: dict[str, Any] = {"profile": False}
     if folds is not None:
         view = {"profile": folds.line}
-        if scene.geometry.outer == "all":
+        if abs(folds.up[2]) < 0.9:
             # A body seen from straight before its muscle, head up.
-            level = abs(folds.up[2]) < 0.9
-            view |= {"view": folds.up, "up": (0.0, 0.0, 1.0) if level else (0.0, 1.0, 0.0)}
+            view |= {"view": folds.up, "up": (0.0, 0.0, 1.0)}
+        elif scene.geometry.outer == "all":
+            view |= {"view": folds.up, "up": (0.0, 1.0, 0.0)}
         else:
             view |= {"view": "oblique", "up": folds.up}
     wrinkle_picture(files["picture"], bound.vertices, moved, bound.bound_faces, **view)

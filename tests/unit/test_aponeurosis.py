@@ -30,9 +30,9 @@ def head():
         z = share * edge(angle)
         flat = np.sqrt(r**2 - z**2)
         grids.append(np.stack([flat * np.sin(angle), -flat * np.cos(angle), z], axis=-1))
-    from tledface.geometry.aponeurosis import _closed
+    from tledface.geometry.aponeurosis import closed_sheet
 
-    return solid(skin, "skin"), solid(_closed(*grids), "muscle")
+    return solid(skin, "skin"), solid(closed_sheet(*grids), "muscle")
 
 
 def test_it_lies_at_the_muscles_depth_and_reaches_into_it(head):

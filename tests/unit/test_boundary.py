@@ -102,6 +102,15 @@ def test_every_inner_node_of_a_shell_slides_at_its_exact_distance(tmp_path):
     assert groups(model)["sliding", "skull"].tolist() == inner.tolist()
 
 
+def test_nodes_may_be_held_where_they_would_slide(tmp_path):
+    sliding = build(tmp_path, boundary={"sliding": ["bones"]}).sliding.nodes
+    model = build(tmp_path, boundary={"sliding": {"held": True}})
+    assert len(model.sliding) == 0
+    np.testing.assert_array_equal(np.flatnonzero(model.fixed.all(axis=1)), sliding)
+    assert groups(model)["fixed", "skull"].tolist() == sliding.tolist()
+    assert model.report["boundary"]["rigid_nodes"] == len(sliding)
+
+
 @pytest.mark.parametrize("facing", [0.3, 0.6, 0.9])
 def test_only_where_the_bone_faces_the_skin(tmp_path, facing):
     """The bone lies off the skin's centre, so its normal and the way to the skin part."""

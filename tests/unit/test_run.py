@@ -65,6 +65,13 @@ def test_the_scene_reaches_the_simulator(scene, tmp_path):
     assert sim.schedules == {"pull": Ramp(0.0, 0.75, 0.01)}
 
 
+def test_selective_mass_scaling_reaches_the_simulator(tmp_path, monkeypatch):
+    fake_run.install(monkeypatch)
+    text = fake_run.SCENE.replace("mass_scaling = 10", 'mass_scaling = { dt = "3 us" }')
+    run_scene(Scene.load(fake_run.write_scene(tmp_path, text)), tmp_path / "out", quiet=True)
+    assert fake_run.FakeSimulator.made[0].options["mass_scaling"] == {"dt": pytest.approx(3e-6)}
+
+
 def test_bad_input_leaves_nothing_behind(scene, tmp_path, monkeypatch):
     def refuse(*_, **__):
         raise InputError("dt: got 1 s, above the stable bound")

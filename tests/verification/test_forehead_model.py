@@ -4,17 +4,25 @@ import numpy as np
 import pytest
 
 import tledface as tf
-from forehead_scene import forehead
 from tledface import _core
+from tledface.examples import forehead
+from tledface.geometry import read_surface
+from tledface.scene import Scene
 
 
 @pytest.fixture(scope="module")
-def half(shared_data, tmp_path_factory):
+def scene(shared_data, tmp_path_factory):
     """Right half at 1 mm: plumbing, not wrinkles."""
     atlas = shared_data / "bodyparts3d"
     if not atlas.is_dir():
         pytest.skip("the atlas is not on this machine")
-    return forehead(atlas, tmp_path_factory.mktemp("forehead"), voxel=1.0, half=True).build()
+    folder = tmp_path_factory.mktemp("forehead")
+    return Scene.load(forehead.write(folder, data=atlas, voxel=1.0, half=True))
+
+
+@pytest.fixture(scope="module")
+def half(scene):
+    return scene.build()
 
 
 def muscle(model, name):
@@ -57,9 +65,12 @@ def test_nodes_slide_on_the_outside_of_the_bone_only(half):
     assert half.fixed[on_plane, 0].all()
 
 
-def test_skin_is_bound_vertex_for_vertex(half):
+def test_skin_is_bound_vertex_for_vertex(half, scene):
     skin = half.surfaces["skin"]
-    assert len(skin.vertices) == 13_932
+    written = read_surface(scene.geometry.skin, unit_scale=1e-3)
+    # The atlas' 27 860 triangles, each in four, in the order of the file.
+    assert len(skin.faces) == 4 * 27_860
+    np.testing.assert_array_equal(skin.vertices, written.vertices)
     assert np.array_equal(skin.displaced(np.zeros_like(half.nodes)), skin.vertices)
     moved = skin.displaced(np.tile([0.0, 0.0, 1e-3], (half.n_nodes, 1))) - skin.vertices
     assert set(np.round(moved[:, 2], 12)) == {0.0, 1e-3}  # near the voxels, or at rest
@@ -92,8 +103,9 @@ def test_half_millimetre_voxels(shared_data, tmp_path, figure):
     """The size that wrinkles need."""
     import resource
 
-    model = forehead(shared_data / "bodyparts3d", tmp_path, voxel=0.5).build()
-    figure("elements", model.n_elements, 540_000, rel=0.05)
+    atlas = shared_data / "bodyparts3d"
+    model = Scene.load(forehead.write(tmp_path, data=atlas)).build()
+    figure("elements", model.n_elements, 552_000, rel=0.05)
     figure("sliding nodes", len(model.sliding), 52_600, rel=0.05)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     assert peak < 4e9

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tledface import _core
 from tledface.errors import InputError
 
-__all__ = ["aponeurosis"]
+__all__ = ["aponeurosis", "closed_sheet"]
 
 Floats = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def aponeurosis(
     half = 0.5 * thickness
     upper = on_skin + (deep - half)[None, :, None] * inwards
     lower = on_skin + (deep + half)[None, :, None] * inwards
-    return _closed(upper, lower)
+    return closed_sheet(upper, lower)
 
 
 def _dense(surface: _core.Surface, spacing: float) -> Floats:
@@ -174,8 +174,8 @@ def _grid_normals(points: Floats) -> Floats:
     return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
 
-def _closed(upper: Floats, lower: Floats) -> trimesh.Trimesh:
-    """The solid between two grids: both sheets and the strip round their rims."""
+def closed_sheet(upper: Floats, lower: Floats) -> trimesh.Trimesh:
+    """The solid between two grids (rows, columns, 3): both and the strip round their rims."""
     rows, columns = upper.shape[:2]
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]

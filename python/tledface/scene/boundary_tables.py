@@ -116,6 +116,7 @@ class SlidingSpec(Table):
     )
     boxes: OpenBoxes = Field(default=[], description="only nodes in one of these boxes")
     excluded: OpenBoxes = Field(default=[], description="no nodes in these boxes")
+    held: bool = Field(default=False, description="these nodes are held instead of sliding")
     friction: Coefficient = Field(default=0.0, description="Coulomb's coefficient")
     release: bool = Field(default=False, description="nodes may leave the bone, not sink into it")
 

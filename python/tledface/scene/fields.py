@@ -28,6 +28,7 @@ __all__ = [
     "Components",
     "Gravity",
     "Length",
+    "MassScaling",
     "MaterialField",
     "MissingFiles",
     "Name",
@@ -207,6 +208,15 @@ def _read_time_step(value: Any, info: ValidationInfo) -> float | str:
     )
 
 
+def _read_mass_scaling(value: Any, info: ValidationInfo) -> float | dict[str, float]:
+    if not isinstance(value, dict):
+        return units.bounded(units.parse(value, "number"), at_least=1.0, shown=value)
+    known_keys(value, ["dt"])
+    step = value.get("dt")
+    dt = units.parse(step, "time", key="dt")
+    return {"dt": units.bounded(dt, above=0.0, shown=step, unit=units.KINDS["time"].si)}
+
+
 def _read_checkpoint_every(value: Any, info: ValidationInfo) -> float | str:
     if value in ("auto", "off"):
         return str(value)
@@ -374,6 +384,23 @@ TimeStep = Annotated[
     float | str,
     PlainValidator(_read_time_step),
     WithJsonSchema({"anyOf": [{"const": "auto"}, _quantity_schema("time")]}),
+]
+MassScaling = Annotated[
+    float | dict[str, float],
+    PlainValidator(_read_mass_scaling),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "number", "minimum": 1},
+                {
+                    "type": "object",
+                    "properties": {"dt": _quantity_schema("time")},
+                    "required": ["dt"],
+                    "additionalProperties": False,
+                },
+            ]
+        }
+    ),
 ]
 CheckpointEvery = Annotated[
     float | str,

@@ -14,6 +14,7 @@ from tledface.scene.fields import (
     Activation,
     CheckpointEvery,
     Gravity,
+    MassScaling,
     MaterialField,
     Name,
     Paths,
@@ -93,7 +94,11 @@ class Solver(Table):
     hourglass_kappa: Positive | None = Field(
         default=None, description='coefficient of hourglass = "joldes"'
     )
-    mass_scaling: Scale = Field(default=1.0, description="all masses are multiplied by this")
+    mass_scaling: MassScaling = Field(
+        default=1.0,
+        description="all masses are multiplied by this; or { dt = time }: only elements that do "
+        "not allow this time step are made heavier",
+    )
     time_scaling: Scale = Field(
         default=1.0,
         description="activations are played this many times faster; duration, activation and "

@@ -1,0 +1,99 @@
+"""Run the forehead's variants; print their table and draw them beside each other.
+
+    python docs/make_forehead.py RUNS [--data ATLAS] [--full] [VARIANT ...]
+
+Finished runs in the folder RUNS are kept, unfinished ones go on. By default the coarse half.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from tledface.examples import forehead
+from tledface.picture import render_surface
+from tledface.run import resume_run, run_scene
+from tledface.run_checkpoints import any_in
+from tledface.run_frames import RunFrames
+from tledface.scene import Scene
+
+VIEW = (-0.4, -0.9, 0.2)
+
+
+def finished(folder: Path) -> bool:
+    """Whether a run in the folder came to its end."""
+    record = folder / "run.json"
+    return record.exists() and json.loads(record.read_text()).get("state") == "finished"
+
+
+def run(folder: Path, variant: str, data: Path | None, full: bool) -> None:
+    """Run a variant into its folder, or go on with it."""
+    if finished(folder):
+        return
+    if any_in(folder):
+        resume_run(folder, quiet=True)
+        return
+    size = {"half": True} if full else {"coarse": True}
+    choices = {**size, "data": data, **forehead.VARIANTS[variant]}
+    scene = Scene.load(forehead.write(folder.with_name(f"{variant}-scene"), **choices))
+    run_scene(scene, folder, device="native", quiet=True, force=True)
+
+
+def row(folder: Path, variant: str) -> str:
+    """A variant's row of the table on the scene's page."""
+    result = json.loads((folder / "run.json").read_text())["result"]
+    found = forehead.measure(folder)
+    folds = " / ".join(str(count) for count in found.folds.values())
+    apart = f"{1e3 * found.wavelength:.1f}" if np.isfinite(found.wavelength) else "–"
+    low, high = (1e3 * height for height in found.heights)
+    size = f"{low:.1f}–{high:.1f}" if high > 0.0 else "–"
+    return (
+        f"| `{variant}` | {1e3 * found.brow_rise:+.1f} | {1e3 * found.root_rise:+.1f} | {folds} | "
+        f"{apart} | {size} | {result['steps']:,} of {1e6 * result['dt_s']:.1f} µs | "
+        f"{100 * result['added_mass_share']:.0f} % |"
+    ).replace(",", " ")
+
+
+def draw(path: Path, folders: dict[str, Path]) -> None:
+    """Draw the skin at rest and at the end of each run."""
+    panels = {}
+    for name, folder in folders.items():
+        frames = RunFrames(folder)
+        rest, moved, faces = frames.surface((0, frames.at(None)))
+        panels.setdefault("at rest", (rest, faces))
+        panels[name] = (moved, faces)
+    columns = 3 if len(panels) > 4 else len(panels)
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(3.2 * columns, 3.9 * rows), dpi=95, facecolor="white")
+    FigureCanvasAgg(figure)
+    for place, (name, (moved, faces)) in enumerate(panels.items(), start=1):
+        axes = figure.add_subplot(rows, columns, place)
+        axes.imshow(render_surface(moved, faces, view=VIEW, size=(420, 480)))
+        axes.set_axis_off()
+        axes.set_title(name, fontsize=11, color="#2b2626")
+    figure.tight_layout(pad=0.4)
+    figure.savefig(path)
+
+
+def main() -> None:
+    """Run, print and draw what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("runs", type=Path)
+    parser.add_argument("variants", nargs="*", default=list(forehead.VARIANTS))
+    parser.add_argument("--data", type=Path)
+    parser.add_argument("--full", action="store_true", help="the half at 0.5 mm")
+    given = parser.parse_args()
+    folders = {variant: given.runs / variant for variant in given.variants}
+    for variant, folder in folders.items():
+        run(folder, variant, given.data, given.full)
+        print(row(folder, variant), flush=True)
+    draw(given.runs / "variants.png", folders)
+
+
+if __name__ == "__main__":
+    main()
