@@ -215,7 +215,7 @@ def _procerus() -> tuple[Floats, ...]:
 def _corrugator(side: float) -> tuple[Floats, ...]:
     """From the bone by the nasal root outwards and up, rising through frontalis to the dermis."""
     along = np.linspace(0.0, 1.0, 28)
-    x = 7.0 + 21.0 * along
+    x = 8.0 + 25.0 * along
     z = 1541.5 + 12.5 * along + 1.5 * np.sin(np.pi * along)
     width = np.interp(along, [0.0, 0.5, 1.0], [7.0, 8.0, 6.0])
     across = np.linspace(-0.5, 0.5, 8)[:, None]

@@ -38,7 +38,7 @@ VARIANTS: dict[str, dict[str, object]] = {
 ABOUT_VARIANTS: dict[str, str] = {
     "reference": "frontalis raises the brow: horizontal folds",
     "frown": "procerus and corrugators frown: creases at the nasal root and between the brows",
-    "young": "a corneum half as stiff (24 MPa): more and finer folds",
+    "young": "a corneum half as stiff (24 MPa), as in younger skin",
     "strong-muscles": "muscles ten times as strong (50 MPa)",
     "frontalis-only": "no procerus and no corrugators",
     "single-layer": "skin of one material: no folds",
