@@ -26,4 +26,6 @@
 #endif
 #include "conditions.cl"
 #include "sliding_layout.cl"
+#include "sliding_search.cl"
+#include "sliding_region.cl"
 #include "sliding.cl"
