@@ -137,6 +137,7 @@ def test_coarse_is_a_half_and_both_halves_are_the_default(tmp_path, no_surfaces)
     ("choices", "message"),
     [
         ({"voxel": 0.0}, r"forehead voxel: got 0\.0, allowed is a length above 0 mm"),
+        ({"level": 1.5}, r"forehead level: got 1\.5, allowed is 0 to 1"),
         ({"fat": 9.0}, r"forehead fat: got 9\.0, allowed is -1 to 6 mm"),
         ({"animation": "smile"}, r"forehead animation: got 'smile'; allowed: raise, frown"),
         ({"corneum": "soft"}, r"forehead corneum: got 'soft'; allowed: a pressure with its unit"),

@@ -13,7 +13,6 @@ TOP, _BOTTOM, _SIDE, _TEMPLE = 1622.0, 1534.0, 50.0, 44.0
 # mm of tissue kept under the skin, and under the skin below the orbital rim, without more fat.
 _DEPTH, _DEPTH_BELOW_RIM = 5.6, 4.7
 _RAMP, _STEP = "30 ms", "4 us"
-_LEVEL = 0.75
 
 _LAYERS = (
     ("corneum", "0.02", None),
@@ -34,6 +33,7 @@ class Choices:
     single_layer: bool
     corneum: str
     sigma_act: str
+    level: float
     galea: str
     has_galea: bool
     sliding: bool
@@ -128,7 +128,9 @@ def _muscle(
     choices: Choices,
 ) -> str:
     surfaces = ", ".join(_quoted(files[name + part]) for part in parts)
-    ramp = f'activation = {{ ramp = [0.0, {_LEVEL}], over = "{_RAMP}" }}\n' if active else ""
+    ramp = (
+        f'activation = {{ ramp = [0.0, {choices.level:g}], over = "{_RAMP}" }}\n' if active else ""
+    )
     return (
         f'[[muscles]]\nname = "{name}"\nsurfaces = [{surfaces}]\nfibre = {fibre}\n'
         f'sigma_act = "{choices.sigma_act}"\n{_material("0.5 MPa")}\n{ramp}'

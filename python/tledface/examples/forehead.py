@@ -29,7 +29,7 @@ VARIANTS: dict[str, dict[str, object]] = {
     "reference": {},
     "frown": {"animation": "frown"},
     "young": {"corneum": "24 MPa"},
-    "strong-muscles": {"sigma_act": "50 MPa"},
+    "strong-muscles": {"sigma_act": "50 MPa", "level": 0.4},
     "frontalis-only": {"frontalis_only": True},
     "single-layer": {"single_layer": True},
     "no-galea": {"galea": False},
@@ -39,7 +39,7 @@ ABOUT_VARIANTS: dict[str, str] = {
     "reference": "frontalis raises the brow: horizontal folds",
     "frown": "procerus and corrugators frown: creases at the nasal root and between the brows",
     "young": "a corneum half as stiff (24 MPa), as in younger skin",
-    "strong-muscles": "muscles ten times as strong (50 MPa)",
+    "strong-muscles": "muscles ten times as strong (50 MPa), activated to 0.4",
     "frontalis-only": "no procerus and no corrugators",
     "single-layer": "skin of one material: no folds",
     "no-galea": "frontalis has nothing to pull against",
@@ -63,6 +63,7 @@ def write(
     single_layer: bool = False,
     corneum: str = "48 MPa",
     sigma_act: str = "5 MPa",
+    level: float = 0.75,
     galea: bool = True,
     galea_modulus: str = "24 MPa",
     sliding: bool = True,
@@ -81,6 +82,7 @@ def write(
         single_layer: One skin material instead of three: no folds form.
         corneum: Young's modulus of the stratum corneum, with its unit.
         sigma_act: Active and passive reference stress of all muscles, with its unit.
+        level: Activation of the muscles at the end, 0 to 1.
         galea: Whether there is one.
         galea_modulus: Its Young's modulus, with its unit.
         sliding: Whether the deep side slides on the bone; else it is held.
@@ -101,6 +103,7 @@ def write(
         single_layer=single_layer,
         corneum=corneum,
         sigma_act=sigma_act,
+        level=level,
         galea=galea_modulus,
         has_galea=galea,
         sliding=sliding,
@@ -134,6 +137,8 @@ def _check(choices: Choices) -> None:
         raise InputError(f"forehead voxel: got {choices.voxel[0]}, allowed is a length above 0 mm")
     if not -1.0 <= choices.fat <= 6.0:
         raise InputError(f"forehead fat: got {choices.fat}, allowed is -1 to 6 mm")
+    if not 0.0 <= choices.level <= 1.0:
+        raise InputError(f"forehead level: got {choices.level}, allowed is 0 to 1")
     if choices.animation not in _ANIMATIONS:
         known = ", ".join(_ANIMATIONS)
         raise InputError(f"forehead animation: got {choices.animation!r}; allowed: {known}")
