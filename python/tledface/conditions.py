@@ -238,6 +238,11 @@ class Sampler:
             or [np.empty((0, 4))]
         ).ravel()
 
+    @property
+    def carries(self) -> bool:
+        """Whether any surface moves."""
+        return bool(self._motions)
+
     def carried(self, x: Floats, begin: float, end: float) -> tuple[Nodes, Floats]:
         """Nodes on surfaces that move, and the ways (n, 3) m of the surface where they are.
 

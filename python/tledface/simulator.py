@@ -438,8 +438,10 @@ class Simulator(Results):
         sampler, model = self._conditions, self.model
         next_u = np.zeros((model.n_nodes, 3))
         sampler.put_prescribed(next_u, self._core)
-        times = (self.time, float(self._core.time_after(1)))
-        carried = sampler.carried(model.nodes + self.u, *times)
+        carried = (np.empty(0, dtype=np.int64), np.empty((0, 3)))
+        if sampler.carries:
+            times = (self.time, float(self._core.time_after(1)))
+            carried = sampler.carried(model.nodes + self.u, *times)
         self._energies = ledger.enter(self._values_now(), next_u, carried)
         self._until_entry = self._energy_every or 0
 

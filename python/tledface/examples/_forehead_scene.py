@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from tledface.examples._scene_text import layer, neo_hookean
+
 __all__ = ["TOP", "Choices", "scene_text"]
 
 # mm: where the tissue ends above, below, sideways; where the temples begin, which do not move.
@@ -15,8 +17,8 @@ _DEPTH, _DEPTH_BELOW_RIM = 5.6, 4.7
 _RAMP, _STEP = "30 ms", "4 us"
 
 _LAYERS = (
-    ("corneum", "0.02", None),
-    ("dermis", "1.8", "81.4 kPa"),
+    ("corneum", 0.02, None),
+    ("dermis", 1.8, "81.4 kPa"),
     ("hypodermis", None, "34 kPa"),
 )
 _SINGLE_LAYER = (("skin", None, "81.4 kPa"),)
@@ -72,9 +74,7 @@ behind_bone_in = [[[-60, -210, 1500], [60, -100, 1556]]]
 """
     ]
     for name, thickness, modulus in layers:
-        thick = "" if thickness is None else f"thickness = {thickness}\n"
-        material = _material(modulus or choices.corneum)
-        blocks.append(f'[[layers]]\nname = "{name}"\n{thick}{material}\n')
+        blocks.append(layer(name, thickness, modulus or choices.corneum))
     blocks += _muscles(files, choices)
     if choices.has_galea:
         blocks.append(
@@ -82,7 +82,7 @@ behind_bone_in = [[[-60, -210, 1500], [60, -100, 1556]]]
 [[volumes]]
 name = "galea"
 surfaces = [{_quoted(files["galea"])}]
-{_material(choices.galea)}
+{neo_hookean(choices.galea)}
 """
         )
     blocks += [_boundary(choices), _solver()]
@@ -91,13 +91,6 @@ surfaces = [{_quoted(files["galea"])}]
 
 def _quoted(path: Path) -> str:
     return '"' + path.as_posix().replace('"', '\\"') + '"'
-
-
-def _material(modulus: str) -> str:
-    return (
-        f'material = {{ model = "neo_hookean", youngs_modulus = "{modulus}", '
-        'poissons_ratio = 0.49, density = "1100 kg/m^3" }'
-    )
 
 
 def _muscles(files: Mapping[str, Path], choices: Choices) -> list[str]:
@@ -133,7 +126,7 @@ def _muscle(
     )
     return (
         f'[[muscles]]\nname = "{name}"\nsurfaces = [{surfaces}]\nfibre = {fibre}\n'
-        f'sigma_act = "{choices.sigma_act}"\n{_material("0.5 MPa")}\n{ramp}'
+        f'sigma_act = "{choices.sigma_act}"\n{neo_hookean("0.5 MPa")}\n{ramp}'
     )
 
 

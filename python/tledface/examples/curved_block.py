@@ -15,6 +15,7 @@ import numpy as np
 
 from tledface.errors import InputError
 from tledface.examples._bowl import Bowl
+from tledface.examples._scene_text import layer, neo_hookean
 from tledface.io._atomic import atomic_path
 from tledface.io.surfaces import write_surface
 
@@ -209,13 +210,12 @@ region = [[{-side:g}, {front:g}, {-top:g}], [{right:g}, 0, {top:g}]]
 """
     ]
     for name, thickness, modulus in layers:
-        depth = "" if thickness is None else f"thickness = {thickness:g}\n"
-        blocks.append(f'[[layers]]\nname = "{name}"\n{depth}{_material(modulus)}\n')
+        blocks.append(layer(name, thickness, modulus))
     for name, (files, fibre) in _MUSCLES.items():
         kept = [file for file in files if not (half and file.endswith("_left"))]
         if kept:
             blocks.append(_muscle(name, kept, fibre, name == "frontalis"))
-    tendon = _material(f"{galea_modulus:g} MPa")
+    tendon = neo_hookean(f"{galea_modulus:g} MPa")
     blocks.append(f'[[volumes]]\nname = "galea"\nsurfaces = ["galea.ply"]\n{tendon}\n')
     blocks.append(_boundary(half))
     blocks.append(
@@ -242,7 +242,7 @@ name = "{name}"
 surfaces = [{surfaces}]
 fibre = {fibre}
 sigma_act = "5 MPa"
-{_material(_MUSCLE)}
+{neo_hookean(_MUSCLE)}
 {activation}"""
 
 
@@ -267,10 +267,3 @@ def _boundary(half: bool) -> str:
         lines.append('symmetry = [{ axis = "x" }]')
     lines.append('sliding = ["bone"]')
     return "\n".join(lines) + "\n"
-
-
-def _material(modulus: str) -> str:
-    return (
-        f'material = {{ model = "neo_hookean", youngs_modulus = "{modulus}", '
-        'poissons_ratio = 0.49, density = "1100 kg/m^3" }'
-    )

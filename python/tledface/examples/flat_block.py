@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tledface.errors import InputError
+from tledface.examples._scene_text import layer, neo_hookean
 from tledface.io._atomic import atomic_path
 from tledface.io.surfaces import write_surface
 
@@ -152,12 +153,6 @@ def _box(
 
 
 def _scene(layers: _Layers, voxel: tuple[float, float, float], width: float) -> str:
-    def material(modulus: str) -> str:
-        return (
-            f'material = {{ model = "neo_hookean", youngs_modulus = "{modulus}", '
-            'poissons_ratio = 0.49, density = "1100 kg/m^3" }'
-        )
-
     blocks = [
         f"""\
 # Flat skin block: Warburton and Maddock (2014), Tables I and II. Made by tledface.
@@ -174,8 +169,7 @@ outer = [[[-1, -1, {THICKNESS - 0.01:g}], [{LENGTH + 1:g}, {width + 1:g}, {THICK
 """
     ]
     for name, thickness, modulus in layers:
-        depth = "" if thickness is None else f"thickness = {thickness:g}\n"
-        blocks.append(f'[[layers]]\nname = "{name}"\n{depth}{material(modulus)}\n')
+        blocks.append(layer(name, thickness, modulus))
     blocks.append(
         f"""\
 [[muscles]]
@@ -183,7 +177,7 @@ name = "frontalis"
 surfaces = ["frontalis.stl"]
 fibre = [1, 0, 0]
 sigma_act = "5 MPa"
-{material("0.5 MPa")}
+{neo_hookean("0.5 MPa")}
 activation = {{ ramp = [0.0, 0.75], over = "50 ms" }}
 
 [boundary]
