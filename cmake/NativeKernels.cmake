@@ -3,6 +3,11 @@
 # reorders sums or forgets NaN.
 set(native_flags -O3 -ffp-contract=fast -fno-math-errno -fno-trapping-math -Wno-unknown-pragmas
     -Wno-unused-function -Wno-unused-parameter -Wno-psabi -Wno-ignored-attributes)
+# The fused element has more values than any processor has registers: allocation over the whole
+# function keeps the right ones (2 % of a step on AVX2).
+if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
+  list(APPEND native_flags -fira-region=all)
+endif()
 
 function(add_native_kernels table instruction_set lanes is_double)
   set(target native_${table})

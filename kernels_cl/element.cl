@@ -6,9 +6,8 @@
 // linear.xy: y mode of component x.
 typedef struct { Tensor linear; Hourglass hourglass; } ElementModes;
 
-INLINE Tensor deformation_gradient(Tensor linear, __global const real* shape) {
-  const real gx = shape[SHAPE_GRADIENT], gy = shape[SHAPE_GRADIENT + 1],
-             gz = shape[SHAPE_GRADIENT + 2];
+INLINE Tensor deformation_gradient(Tensor linear, Axes gradient) {
+  const real gx = gradient.x, gy = gradient.y, gz = gradient.z;
   Tensor F;
   F.xx = R(1.0) + gx * linear.xx;
   F.xy = gy * linear.xy;
@@ -55,14 +54,19 @@ INLINE realv volume_ratio(Tensor F, Tensor cof, __global const real* parameters)
   return present > R(0.0) ? J : broadcast(R(1.0));
 }
 
+// F, cof and J are there.
+INLINE void complete_kinematics(Kinematics* k) {
+  k->inverse_J = R(1.0) / k->J;
+  k->cube_root = inverse_cube_root(absolute(k->J));
+  k->I1 = squared_norm(k->F);
+}
+
 INLINE Kinematics kinematics(Tensor F, __global const real* parameters) {
   Kinematics k;
   k.F = F;
   k.cof = cofactors(F);
   k.J = volume_ratio(F, k.cof, parameters);
-  k.inverse_J = R(1.0) / k.J;
-  k.cube_root = inverse_cube_root(absolute(k.J));
-  k.I1 = squared_norm(F);
+  complete_kinematics(&k);
   return k;
 }
 
@@ -99,8 +103,8 @@ OUT_OF_LINE void stress_of_laws(const ElementTables* t, const Kinematics* k,
                                 int lane, int store, Tensor* P) {
   const IsotropicStress s =
       isochoric_neo_hookean(load_lanes(parameters + MATERIAL_MU * TLED_LANES), *k);
-  const realv zero = broadcast(R(0.0));
-  Tensor sum = {zero, zero, zero, zero, zero, zero, zero, zero, zero};
+  Tensor sum;
+  clear_tensor(&sum);
   add_scaled(&sum, s.along_F, k->F, s.along_cof, k->cof);
   for (int i = links[BLOCK_LAW_BEGIN]; i < links[BLOCK_LAW_END]; ++i) {
     __global const int* entry = t->law_entries + TLED_LAW_ENTRY * i;
@@ -121,6 +125,17 @@ INLINE void scale_columns(Tensor* P, __global const real* shape) {
   P->xz *= z;
   P->yz *= z;
   P->zz *= z;
+}
+
+// Adds the stress of every muscle with fibres in the block to P_scaled.
+INLINE void add_muscles(ElementTables t, Tensor F, realv J, __global const int* links, int lane,
+                        Tensor* P_scaled) {
+  for (int entry = links[BLOCK_MUSCLE_BEGIN]; entry < links[BLOCK_MUSCLE_END]; ++entry) {
+    const int muscle = t.muscle_entries[2 * entry], set = t.muscle_entries[2 * entry + 1];
+    add_muscle_stress(t.muscle_constants + muscle * TLED_MUSCLE_CONSTANTS,
+                      t.muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES) + lane, t.shape,
+                      t.step[STEP_ACTIVATION + muscle], F, J, P_scaled);
+  }
 }
 
 // Stress of everything but the hourglass modes; column d times V/(4 h_d). lane: this work-item's in
@@ -155,12 +170,7 @@ INLINE Tensor scaled_stress(ElementTables t, Kinematics k, __global const real* 
     add_scaled(&P, broadcast(R(0.0)), k.F, volumetric, k.cof);
     scale_columns(&P, t.shape);
   }
-  for (int entry = links[BLOCK_MUSCLE_BEGIN]; entry < links[BLOCK_MUSCLE_END]; ++entry) {
-    const int muscle = t.muscle_entries[2 * entry], set = t.muscle_entries[2 * entry + 1];
-    add_muscle_stress(t.muscle_constants + muscle * TLED_MUSCLE_CONSTANTS,
-                      t.muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES) + lane, t.shape,
-                      t.step[STEP_ACTIVATION + muscle], k.F, k.J, &P);
-  }
+  add_muscles(t, k.F, k.J, links, lane, &P);
   return P;
 }
 
@@ -170,7 +180,8 @@ INLINE ElementModes compute_element_modes(ElementTables t, ElementModes u, int b
   __global const int* links = t.blocks + (long)block * TLED_BLOCK_INTS;
   __global const real* parameters =
       t.materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES) + lane;
-  const Kinematics k = kinematics(deformation_gradient(u.linear, t.shape), parameters);
+  const Kinematics k = kinematics(
+      deformation_gradient(u.linear, voxel_gradient(t.shape, 0)), parameters);
   ElementModes f;
   f.linear = scaled_stress(t, k, parameters, links, lane, store);
   if (physical)

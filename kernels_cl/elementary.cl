@@ -1,25 +1,38 @@
 // Elementary functions on realv without a division and without a library call, so that every
 // executor does the same operations. Their error is measured by tests/verification/test_laws.py.
 
-// x^(-1/3) for 1/32 < x < 32, which covers any volume ratio of an element that means something. x is
-// first brought into [1/4, 4] by a selected factor of 8. Beyond 32 digits are lost.
+// One step towards t^(-1/3) from y, of fourth order: y (1 + c/3 + 2c^2/9 + 14c^3/81), c = 1 - t y^3.
+INLINE realv closer_inverse_cube_root(realv t, realv y) {
+  const realv c = R(1.0) - t * y * y * y;
+  return y + y * (c * (R(1.0 / 3.0) + c * (R(2.0 / 9.0) + c * R(14.0 / 81.0))));
+}
+
+// x^(-1/3) for 1/32 < x < 32, which covers any volume ratio of an element that means something.
+// Beyond 32 digits are lost.
 INLINE realv inverse_cube_root(realv x) {
+  realv y;
+  if (all_below(absolute(x - R(1.25)), broadcast(R(0.75)))) {
+    // Least relative error cubic on [1/2, 2], 0.4 % at most: 1e-8 after one step.
+    y = R(1.73773006) + x * (R(-1.25184487) + x * (R(0.63499611) + x * R(-0.12291288)));
+    y = closer_inverse_cube_root(x, y);
+#if TLED_DOUBLE
+    y = closer_inverse_cube_root(x, y);
+#endif
+    return y;
+  }
+  // x is first brought into [1/4, 4] by a selected factor of 8.
   const realv one = broadcast(R(1.0)), scale_up = broadcast(R(8.0)), scale_down = broadcast(R(0.125));
   const realv root_up = broadcast(R(2.0)), root_down = broadcast(R(0.5));
-  realv scale = x > R(4.0) ? scale_down : (x < R(0.25) ? scale_up : one);
-  realv root = x > R(4.0) ? root_down : (x < R(0.25) ? root_up : one);
-  realv t = x * scale;
-  // Start: least relative error quintic of t^(-1/3) on [1/4, 4], 1.3 % at most.
-  realv y = R(2.02957792) +
-            t * (R(-2.27795943) +
-                 t * (R(1.90489128) +
-                      t * (R(-0.83137353) + t * (R(0.17629349) + t * R(-0.0143529)))));
-  // y <- y (1 + c/3 + 2c^2/9 + 14c^3/81) with c = 1 - t y^3: fourth order, 4e-7 after one.
-  realv c = one - t * y * y * y;
-  y = y + y * (c * (R(1.0 / 3.0) + c * (R(2.0 / 9.0) + c * R(14.0 / 81.0))));
+  const realv scale = x > R(4.0) ? scale_down : (x < R(0.25) ? scale_up : one);
+  const realv root = x > R(4.0) ? root_down : (x < R(0.25) ? root_up : one);
+  const realv t = x * scale;
+  // Least relative error quintic on [1/4, 4], 1.3 % at most: 4e-7 after one step.
+  y = R(2.02957792) +
+      t * (R(-2.27795943) +
+           t * (R(1.90489128) + t * (R(-0.83137353) + t * (R(0.17629349) + t * R(-0.0143529)))));
+  y = closer_inverse_cube_root(t, y);
 #if TLED_DOUBLE
-  c = one - t * y * y * y;
-  y = y + y * (c * (R(1.0 / 3.0) + c * (R(2.0 / 9.0) + c * R(14.0 / 81.0))));
+  y = closer_inverse_cube_root(t, y);
 #endif
   return y * root;
 }

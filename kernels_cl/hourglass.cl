@@ -37,16 +37,9 @@ INLINE void subtract_product(Tensor* P, Vec f, Vec q) {
 // h_x/h_y and so on, of the element's box.
 typedef struct { realv xy, yx, yz, zy, zx, xz; } BoxRatios;
 
-// s: modes of the displacement (un-normalised sums, m); ix, iy, iz: rows of F^-1 along the box's axes
-// d over 4 h_d, hence the factor 16 in the coefficients. Returns mode forces (N); subtracts the
-// centre term from P_scaled, whose column d is along axis d and carries the factor V/(4 h_d).
-INLINE Hourglass hourglass_of_box(__global const real* parameters, BoxRatios ratio, Hourglass s,
-                                  Vec ix, Vec iy, Vec iz, Tensor* P_scaled) {
-  const Vec q_xy = pulled_back(ix, iy, iz, s.xy);
-  const Vec q_yz = pulled_back(ix, iy, iz, s.yz);
-  const Vec q_zx = pulled_back(ix, iy, iz, s.zx);
-  const Vec q_xyz = pulled_back(ix, iy, iz, s.xyz);
-
+// dW/dq of a box (N m over m): what its pulled-back modes q are worth. q is along the box's axes d
+// over 4 h_d, hence the factor 16 in the coefficients.
+INLINE Hourglass hourglass_moments(__global const real* parameters, BoxRatios ratio, Hourglass q) {
   const realv nu = load_lanes(parameters + MATERIAL_NU * TLED_LANES);
   const realv bend_x = load_lanes(parameters + MATERIAL_BEND_X * TLED_LANES);
   const realv bend_y = load_lanes(parameters + MATERIAL_BEND_Y * TLED_LANES);
@@ -56,48 +49,88 @@ INLINE Hourglass hourglass_of_box(__global const real* parameters, BoxRatios rat
   const realv xy = ratio.xy, yx = ratio.yx, yz = ratio.yz, zy = ratio.zy, zx = ratio.zx,
               xz = ratio.xz;
 
-  const realv twist_z = twist * (xy * q_yz.x + yx * q_zx.y);
-  const realv twist_x = twist * (yz * q_zx.y + zy * q_xy.z);
-  const realv twist_y = twist * (xz * q_yz.x + zx * q_xy.z);
+  const realv twist_z = twist * (xy * q.yz.x + yx * q.zx.y);
+  const realv twist_x = twist * (yz * q.zx.y + zy * q.xy.z);
+  const realv twist_y = twist * (xz * q.yz.x + zx * q.xy.z);
 
+  Hourglass g;
+  g.xy.x = bend_y * (q.xy.x + nu * q.yz.z);
+  g.xy.y = bend_x * (q.xy.y + nu * q.zx.z);
+  g.xy.z = zy * twist_x + zx * twist_y;
+  g.yz.x = xy * twist_z + xz * twist_y;
+  g.yz.y = bend_z * (q.yz.y + nu * q.zx.x);
+  g.yz.z = bend_y * (q.yz.z + nu * q.xy.x);
+  g.zx.x = bend_z * (q.zx.x + nu * q.yz.y);
+  g.zx.y = yx * twist_z + yz * twist_x;
+  g.zx.z = bend_x * (q.zx.z + nu * q.xy.y);
+  g.xyz.x = odd * q.xyz.x;
+  g.xyz.y = odd * q.xyz.y;
+  g.xyz.z = odd * q.xyz.z;
+  return g;
+}
+
+INLINE Vec pushed_forward(Vec inverse_x, Vec inverse_y, Vec inverse_z, Vec g) {
+  return scaled_sum(inverse_x, g.x, inverse_y, g.y, inverse_z, g.z);
+}
+
+// s: modes of the displacement (un-normalised sums, m); ix, iy, iz: rows of F^-1 along the box's axes
+// d over 4 h_d. Returns mode forces (N); subtracts the centre term from P_scaled, whose column d is
+// along axis d and carries the factor V/(4 h_d).
+INLINE Hourglass hourglass_of_box(__global const real* parameters, BoxRatios ratio, Hourglass s,
+                                  Vec ix, Vec iy, Vec iz, Tensor* P_scaled) {
+  Hourglass q;
+  q.xy = pulled_back(ix, iy, iz, s.xy);
+  q.yz = pulled_back(ix, iy, iz, s.yz);
+  q.zx = pulled_back(ix, iy, iz, s.zx);
+  q.xyz = pulled_back(ix, iy, iz, s.xyz);
+  const Hourglass g = hourglass_moments(parameters, ratio, q);
   Hourglass f;
-  f.xy = scaled_sum(ix, bend_y * (q_xy.x + nu * q_yz.z), iy, bend_x * (q_xy.y + nu * q_zx.z), iz,
-                    zy * twist_x + zx * twist_y);
-  subtract_product(P_scaled, f.xy, q_xy);
-  f.yz = scaled_sum(ix, xy * twist_z + xz * twist_y, iy, bend_z * (q_yz.y + nu * q_zx.x), iz,
-                    bend_y * (q_yz.z + nu * q_xy.x));
-  subtract_product(P_scaled, f.yz, q_yz);
-  f.zx = scaled_sum(ix, bend_z * (q_zx.x + nu * q_yz.y), iy, yx * twist_z + yz * twist_x, iz,
-                    bend_x * (q_zx.z + nu * q_xy.y));
-  subtract_product(P_scaled, f.zx, q_zx);
-  f.xyz = scaled_sum(ix, odd * q_xyz.x, iy, odd * q_xyz.y, iz, odd * q_xyz.z);
-  subtract_product(P_scaled, f.xyz, q_xyz);
+  f.xy = pushed_forward(ix, iy, iz, g.xy);
+  subtract_product(P_scaled, f.xy, q.xy);
+  f.yz = pushed_forward(ix, iy, iz, g.yz);
+  subtract_product(P_scaled, f.yz, q.yz);
+  f.zx = pushed_forward(ix, iy, iz, g.zx);
+  subtract_product(P_scaled, f.zx, q.zx);
+  f.xyz = pushed_forward(ix, iy, iz, g.xyz);
+  subtract_product(P_scaled, f.xyz, q.xyz);
   return f;
 }
 
-// Of a voxel; cof, inverse_J: of the centre's F.
-INLINE Hourglass physical_hourglass(__global const real* parameters, __global const real* shape,
-                                    Hourglass s, Tensor cof, realv inverse_J, Tensor* P_scaled) {
-  const realv jx = inverse_J * shape[SHAPE_GRADIENT], jy = inverse_J * shape[SHAPE_GRADIENT + 1],
-              jz = inverse_J * shape[SHAPE_GRADIENT + 2];
-  Vec ix, iy, iz;
-  ix.x = cof.xx * jx;
-  ix.y = cof.yx * jx;
-  ix.z = cof.zx * jx;
-  iy.x = cof.xy * jy;
-  iy.y = cof.yy * jy;
-  iy.z = cof.zy * jy;
-  iz.x = cof.xz * jz;
-  iz.y = cof.yz * jz;
-  iz.z = cof.zz * jz;
+// Rows of F^-1 along a voxel's axes d, over 4 h_d.
+INLINE void inverse_rows(Axes gradient, Tensor cof, realv inverse_J, Vec* ix, Vec* iy, Vec* iz) {
+  const realv jx = inverse_J * gradient.x, jy = inverse_J * gradient.y, jz = inverse_J * gradient.z;
+  ix->x = cof.xx * jx;
+  ix->y = cof.yx * jx;
+  ix->z = cof.zx * jx;
+  iy->x = cof.xy * jy;
+  iy->y = cof.yy * jy;
+  iy->z = cof.zy * jy;
+  iz->x = cof.xz * jz;
+  iz->y = cof.yz * jz;
+  iz->z = cof.zz * jz;
+}
+
+INLINE BoxRatios voxel_ratios(__global const real* shape, const int cube) {
   BoxRatios ratio;
+  if (cube) {  // products with a constant 1 are left out by every compiler
+    ratio.xy = ratio.yx = ratio.yz = ratio.zy = ratio.zx = ratio.xz = broadcast(R(1.0));
+    return ratio;
+  }
   ratio.xy = broadcast(shape[SHAPE_RATIO_XY]);
   ratio.yx = broadcast(shape[SHAPE_RATIO_YX]);
   ratio.yz = broadcast(shape[SHAPE_RATIO_YZ]);
   ratio.zy = broadcast(shape[SHAPE_RATIO_ZY]);
   ratio.zx = broadcast(shape[SHAPE_RATIO_ZX]);
   ratio.xz = broadcast(shape[SHAPE_RATIO_XZ]);
-  return hourglass_of_box(parameters, ratio, s, ix, iy, iz, P_scaled);
+  return ratio;
+}
+
+// Of a voxel; cof, inverse_J: of the centre's F.
+INLINE Hourglass physical_hourglass(__global const real* parameters, __global const real* shape,
+                                    Hourglass s, Tensor cof, realv inverse_J, Tensor* P_scaled) {
+  Vec ix, iy, iz;
+  inverse_rows(voxel_gradient(shape, 0), cof, inverse_J, &ix, &iy, &iz);
+  return hourglass_of_box(parameters, voxel_ratios(shape, 0), s, ix, iy, iz, P_scaled);
 }
 
 INLINE Vec scaled(Vec a, realv k) {

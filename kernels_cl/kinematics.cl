@@ -10,6 +10,24 @@
 // Stresses of stage 0 are isochoric parts: the volumetric part is common to all laws (base.cl),
 // unless the header says volumetric = "own".
 
+// Constants of a voxel along its axes. `cube`: its sides are equal, so that what is computed with one
+// serves all three.
+typedef struct { real x, y, z; } Axes;
+
+INLINE Axes voxel_axes(__global const real* values, const int cube) {
+  Axes a;
+  a.x = values[0];
+  a.y = cube ? a.x : values[1];
+  a.z = cube ? a.x : values[2];
+  return a;
+}
+INLINE Axes voxel_gradient(__global const real* shape, const int cube) {
+  return voxel_axes(shape + SHAPE_GRADIENT, cube);
+}
+INLINE Axes voxel_force(__global const real* shape, const int cube) {
+  return voxel_axes(shape + SHAPE_FORCE, cube);
+}
+
 typedef struct {
   Tensor F, cof;
   realv J, inverse_J, cube_root;  // cube_root: J^(-1/3)

@@ -22,6 +22,7 @@
 
 #define BLOCK_LAW_BEGIN 12  // its entries of `law_entries`
 #define BLOCK_LAW_END 13
+#define BLOCK_NEXT_XY 14  // BLOCK_NEXT_X of BLOCK_NEXT_Y
 
 // materials: row sets of element parameters; blocks alike share one.
 #define TLED_MATERIAL_ROWS 10
@@ -84,9 +85,11 @@
 // blocks, flags, unused.
 #define ROW_SEED 1         // forces only into scratch; nodes belong to the band below
 #define ROW_CHUNK_BEGIN 2  // a new chunk in x: scratch starts from zero
+#define ROW_GRAVITY 4      // set by the kernel: there is gravity
 
-// Rows of lanes a plane of scratch: forces x, y, z; and one with the last lane's in lanes 0-2.
-#define SCRATCH_ROWS 4
+// Rows of lanes a plane of scratch: forces x, y, z on the nodes of the next row of elements, by the
+// corners at low x (lane l: the node of lane l), then by those at high x (the node of lane l + 1).
+#define SCRATCH_ROWS 6
 
 // state[(block TLED_STATE_ROWS + row) TLED_LANES + lane]: what element_state writes (state.cl).
 #define TLED_STATE_ROWS 17

@@ -16,6 +16,7 @@
 #include "element.cl"
 #include "node.cl"
 #if TLED_VECTOR_ROWS
+#include "row_element.cl"
 #include "rows.cl"
 #else
 #include "gather.cl"

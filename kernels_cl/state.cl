@@ -3,7 +3,16 @@
 
 // Modes of the displacement of the elements of one block.
 INLINE ElementModes load_modes(__global const real* u, __global const int* blocks, int block) {
-  return element_modes(load_face(u, blocks, block), load_face(u, blocks, block + 1));
+  Face low, high;
+  load_face(u, blocks, block, &low);
+  load_face(u, blocks, block + 1, &high);
+  ElementModes m;
+  m.linear = linear_modes(&low, &high);
+  m.hourglass.xy = mode_xy(&low, &high);
+  m.hourglass.yz = mode_yz(&low, &high);
+  m.hourglass.zx = mode_zx(&low, &high);
+  m.hourglass.xyz = mode_xyz(&low, &high);
+  return m;
 }
 
 // Growth of the bulk stiffness that bounds the step: `spread`, sum_d |cof F e_d|^2 / h_d^2 over its
@@ -33,7 +42,8 @@ __kernel void element_growth(__global const real* restrict u, __global real* res
   if (block >= n_blocks) return;
   const int material = blocks[(long)block * TLED_BLOCK_INTS + BLOCK_MATERIAL];
   if (material < 0) return;
-  const Tensor F = deformation_gradient(load_modes(u, blocks, block).linear, shape);
+  const Tensor F =
+      deformation_gradient(load_modes(u, blocks, block).linear, voxel_gradient(shape, 0));
   const Tensor cof = cofactors(F);
   store_lanes(stiffness_growth(F, cof, voxel_spread(cof, shape),
                                materials + (long)material * (TLED_MATERIAL_ROWS * TLED_LANES)),
@@ -98,7 +108,8 @@ __kernel void element_state(
   __global const real* parameters =
       materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES);
   const ElementModes m = load_modes(u, blocks, block);
-  const Kinematics k = kinematics(deformation_gradient(m.linear, shape), parameters);
+  const Kinematics k =
+      kinematics(deformation_gradient(m.linear, voxel_gradient(shape, 0)), parameters);
   Tensor P = scaled_stress(t, k, parameters, links, 0, 0);
   const real wx = shape[SHAPE_FORCE], wy = shape[SHAPE_FORCE + 1], wz = shape[SHAPE_FORCE + 2];
   Tensor unused = P;

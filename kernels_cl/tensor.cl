@@ -3,6 +3,11 @@
 typedef struct { realv x, y, z; } Vec;
 typedef struct { realv xx, xy, xz, yx, yy, yz, zx, zy, zz; } Tensor;
 
+INLINE void clear_tensor(Tensor* T) {
+  T->xx = broadcast(R(0.0));
+  T->xy = T->xz = T->yx = T->yy = T->yz = T->zx = T->zy = T->zz = T->xx;
+}
+
 INLINE realv dot_product(Vec a, Vec b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 // Cofactors: cof F = J F^-T.

@@ -104,8 +104,8 @@ void place_voxels(const VoxelModel& model, const PrecomputeOptions& options, Sol
   for (std::int32_t b = 0; b <= n_blocks; ++b) {
     std::int32_t* links = &arrays.blocks[std::size_t(b) * TLED_BLOCK_INTS];
     links[BLOCK_MATERIAL] = -1;
-    for (const int link :
-         {BLOCK_NEXT_X, BLOCK_NEXT_Y, BLOCK_NEXT_Z, BLOCK_PREV_X, BLOCK_PREV_Y, BLOCK_PREV_Z})
+    for (const int link : {BLOCK_NEXT_X, BLOCK_NEXT_Y, BLOCK_NEXT_XY, BLOCK_NEXT_Z, BLOCK_PREV_X,
+                           BLOCK_PREV_Y, BLOCK_PREV_Z})
       links[link] = n_blocks;
     if (b == n_blocks) break;
     const std::int32_t x = std::int32_t(sorted[b] >> (2 * kKeyBits)),
@@ -114,6 +114,7 @@ void place_voxels(const VoxelModel& model, const PrecomputeOptions& options, Sol
     arrays.block_at[b] = {x, y, z};
     links[BLOCK_NEXT_X] = find(x + 1, y, z);
     links[BLOCK_NEXT_Y] = find(x, y + 1, z);
+    links[BLOCK_NEXT_XY] = find(x + 1, y + 1, z);
     links[BLOCK_NEXT_Z] = find(x, y, z + 1);
     links[BLOCK_PREV_X] = find(x - 1, y, z);
     links[BLOCK_PREV_Y] = find(x, y - 1, z);

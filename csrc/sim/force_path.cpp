@@ -53,6 +53,13 @@ std::string form_of(const ForcePathOptions& options) {
   return options.hourglass == HourglassForm::kPhysical ? "physical" : "kappa";
 }
 
+// Voxels with equal sides, which most models have, need fewer operations.
+std::string step_form(const SolverArrays& arrays, const ForcePathOptions& options) {
+  const double* side = &arrays.shape[SHAPE_GRADIENT];
+  const bool cubes = side[0] == side[1] && side[1] == side[2];
+  return options.hourglass == HourglassForm::kPhysical && cubes ? "cubes" : form_of(options);
+}
+
 class RowsPath final : public ForcePath {
  public:
   RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
@@ -72,7 +79,7 @@ class RowsPath final : public ForcePath {
     for (int parity = 0; parity < 2; ++parity)
       for (const bool forces : {false, true})
         (forces ? force_ : step_)[parity] = binder.make(
-            (forces ? "force_rows_" : "step_rows_") + form_of(options),
+            forces ? "force_rows_" + form_of(options) : "step_rows_" + step_form(arrays, options),
             {b.u[parity], b.u[1 - parity], bands_.get(), rows_.get(), b.blocks, b.materials,
              b.node_sets, b.law_entries, b.law_sets, b.history[parity], b.history[1 - parity],
              b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape, b.step_table,

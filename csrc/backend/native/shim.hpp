@@ -7,6 +7,10 @@
 #ifndef TLED_LANES
 #error "TLED_LANES: reals a vector row"
 #endif
+#if defined(__AVX2__)
+#include <immintrin.h>
+#endif
+
 #define TLED_OPENCL 0
 #define TLED_VECTOR_ROWS 1
 #define __kernel static
@@ -42,10 +46,15 @@ inline void scatter_lanes(realv v, real* p, const int* at) {
 }
 inline void prefetch_line(const real* p) { __builtin_prefetch(p, 1); }
 inline int all_below(realv a, realv b) {
+#if defined(__AVX2__) && !defined(__AVX512F__)  // the loop below is not recognised
+  return sizeof(real) == 4 ? _mm256_movemask_ps((__m256)(a < b)) == 0xff
+                           : _mm256_movemask_pd((__m256d)(a < b)) == 0xf;
+#else
   const auto below = a < b;
   int all = 1;
   for (int lane = 0; lane < TLED_LANES; ++lane) all &= below[lane] != 0;
   return all;
+#endif
 }
 
 #if TLED_LANES == 16
@@ -97,6 +106,11 @@ inline realv natural_exp(realv x) {
     y[lane] = sizeof(real) == 4 ? __builtin_expf(x[lane]) : __builtin_exp(x[lane]);
   return y;
 }
-inline realv absolute(realv x) { return x < 0 ? -x : x; }
+inline realv absolute(realv x) {
+  realv y = x;
+  for (int lane = 0; lane < TLED_LANES; ++lane)
+    y[lane] = sizeof(real) == 4 ? __builtin_fabsf(x[lane]) : __builtin_fabs(x[lane]);
+  return y;
+}
 
 }  // namespace
