@@ -27,7 +27,6 @@ INLINE realv broadcast(real x) { return x; }
 INLINE realv load_lanes(__global const real* p) { return *p; }
 INLINE void store_lanes(realv v, __global real* p) { *p = v; }
 INLINE realv gather_lanes(__global const real* p, __global const int* at) { return p[*at]; }
-INLINE void scatter_lanes(realv v, __global real* p, __global const int* at) { p[*at] = v; }
 INLINE int all_below(realv a, realv b) { return a < b; }
 
 #else
@@ -49,10 +48,6 @@ INLINE realv gather_lanes(__global const real* p, __global const int* at) {
   real* lane = (real*)&v;
   for (int l = 0; l < TLED_LANES; ++l) lane[l] = p[at[l]];
   return v;
-}
-INLINE void scatter_lanes(realv v, __global real* p, __global const int* at) {
-  const real* lane = (const real*)&v;
-  for (int l = 0; l < TLED_LANES; ++l) p[at[l]] = lane[l];
 }
 INLINE int all_below(realv a, realv b) { return all(a < b); }
 

@@ -31,13 +31,6 @@ INLINE Point seen_from(__global const real* pose, Point X, Point u) {
   return seen;
 }
 typedef struct { realv x, y, z; } Points;
-INLINE Points lanes_at(__global const real* u, __global const int* dofs) {
-  Points p;
-  p.x = gather_lanes(u, dofs);
-  p.y = gather_lanes(u + TLED_LANES, dofs);
-  p.z = gather_lanes(u + 2 * TLED_LANES, dofs);
-  return p;
-}
 INLINE Points lanes_of(__global const real* rows) {
   Points p;
   p.x = load_lanes(rows);
@@ -187,7 +180,7 @@ INLINE realv released(realv off, __global const real* region, __global const rea
   return held < R(0.0) ? broadcast(R(0.0)) : off;
 }
 
-// Work-item: a row of TLED_LANES sliding nodes from `first_row` on, or one node where rows are no
+// Work-item: a row of TLED_LANES nodes, those of one block, from `first_row` on, or one node where rows are no
 // vectors. Moves them to their distance in u_next. pose_column: of the step table; -1: surfaces that
 // stand still. has_laws: slide_laws is there. keep_ways: whether the ways back are to be kept, for
 // reactions.
@@ -225,20 +218,17 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   const SlideSurfaces surfaces = {triangles, grids, grid_reals, cell_begin, cell_triangles};
   __global real* lanes = row.rows + first;
   __global real* region = row.regions + first;
-  __global const int* dofs = row.ints + first;
 #if TLED_VECTOR_ROWS
-  // Nodes of a row lie scattered: those of one to come are on their way meanwhile.
+  // Rows of nodes lie scattered: those of one to come are on their way meanwhile.
   if (item + AHEAD < n_items) {
-    __global const int* ahead = dofs + AHEAD * SLIDE_INTS * TLED_LANES;
-    for (int k = 0; k < SLIDE_ROWS; k += 2)
-      prefetch_line(lanes + (AHEAD * SLIDE_ROWS + k) * TLED_LANES);
-    for (int lane = 0; lane < TLED_LANES; lane += 2) {
-      prefetch_line(u_next + ahead[lane]);
-      prefetch_line(u_next + ahead[lane] + 2 * TLED_LANES);
-    }
+    __global const real* ahead = u_next + row.ints[AHEAD * SLIDE_INTS * TLED_LANES];
+    prefetch_line(ahead);
+    prefetch_line(ahead + TLED_LANES);
+    prefetch_line(ahead + 2 * TLED_LANES);
   }
 #endif
-  Points u = lanes_at(u_next, dofs);
+  const long dof = row.ints[first];
+  Points u = lanes_of(u_next + dof);
   Points seen = lanes_seen(&row, u);
   find_surfaces(&row, &surfaces, seen, u_next);
   WayBack way = way_back(&row, seen);
@@ -248,7 +238,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
     const realv coefficient = load_lanes(laws + SLIDE_FRICTION * TLED_LANES);
     if (!all_below(coefficient, broadcast(R(1e-30)))) {
       // The way in this step as seen from the surface, and of it the part along the surface.
-      Points rubbed = lanes_at(u_now, dofs);
+      Points rubbed = lanes_of(u_now + dof);
       if (row.moves)
         rubbed = lanes_seen_from(row.pose - POSE_REALS,
                                  lanes_of(region + REGION_PLACE * TLED_LANES), rubbed);
@@ -268,9 +258,9 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
       u.x -= share * may.x * rubbed.x;
       u.y -= share * may.y * rubbed.y;
       u.z -= share * may.z * rubbed.z;
-      scatter_lanes(u.x, u_next, dofs);
-      scatter_lanes(u.y, u_next + TLED_LANES, dofs);
-      scatter_lanes(u.z, u_next + 2 * TLED_LANES, dofs);
+      store_lanes(u.x, u_next + dof);
+      store_lanes(u.y, u_next + dof + TLED_LANES);
+      store_lanes(u.z, u_next + dof + 2 * TLED_LANES);
       seen = lanes_seen(&row, u);
       find_surfaces(&row, &surfaces, seen, u_next);
       way = way_back(&row, seen);
@@ -286,9 +276,9 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
       way.back.z = scale * free.z;
     }
   }
-  scatter_lanes(u.x + way.off * way.back.x, u_next, dofs);
-  scatter_lanes(u.y + way.off * way.back.y, u_next + TLED_LANES, dofs);
-  scatter_lanes(u.z + way.off * way.back.z, u_next + 2 * TLED_LANES, dofs);
+  store_lanes(u.x + way.off * way.back.x, u_next + dof);
+  store_lanes(u.y + way.off * way.back.y, u_next + dof + TLED_LANES);
+  store_lanes(u.z + way.off * way.back.z, u_next + dof + 2 * TLED_LANES);
   if (keep_ways) {
     store_lanes(way.back.x, region + REGION_ALONG * TLED_LANES);
     store_lanes(way.back.y, region + (REGION_ALONG + 1) * TLED_LANES);

@@ -21,9 +21,10 @@
 #define REGION_PLACE 24   // 3: reference position
 #define REGION_LOSS 27    // what friction took so far, J for each kg of the node
 
-// slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]
+// slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]. Where rows are vectors the nodes of
+// a row are those of one block, lane by lane.
 #define SLIDE_INTS 4
-#define SLIDE_DOF 0      // of the x component in u; the empty block's in lanes without a node
+#define SLIDE_DOF 0      // of the x component in u
 #define SLIDE_SURFACE 1  // -1: no node here
 #define SLIDE_FREE 2     // bits: 1 x may move, 2 y, 4 z
 #define SLIDE_SHAPE 3    // in the row's first lane, bits: 1 a lane is on an edge or corner, 2 or held

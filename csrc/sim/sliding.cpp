@@ -71,7 +71,8 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   // Surfaces that stand still, then each that moves: nodes of a row share the pose.
   std::vector<std::size_t> motion(given.surfaces.size(), 0);
   for (std::size_t m = 0; m < n_moving_; ++m) motion[given.moving[m]] = m + 1;
-  // In the order of their slots, so that a row's nodes lie near each other in memory.
+  // In the order of their slots. Vector rows are blocks of u, so that they are read and written
+  // whole; other nodes of the block hold still in them.
   std::vector<std::size_t> sorted(n_nodes_);
   for (std::size_t i = 0; i < n_nodes_; ++i) sorted[i] = i;
   std::sort(sorted.begin(), sorted.end(), [&](std::size_t a, std::size_t b) {
@@ -79,14 +80,27 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     return ma != mb ? ma < mb : arrays.node_slot[given.nodes[a]] < arrays.node_slot[given.nodes[b]];
   });
   place_.resize(n_nodes_);
-  std::vector<std::size_t> node_at;  // of each place; n_nodes_: none
+  std::vector<std::size_t> node_at;    // of each place; n_nodes_: none
+  std::vector<std::int64_t> block_at;  // of each row; -1: of nodes from anywhere
   for (std::size_t i = 0; i < n_nodes_;) {
     const std::size_t moves = motion[given.surface[sorted[i]]], first_row = node_at.size() / lanes;
     for (; i < n_nodes_ && motion[given.surface[sorted[i]]] == moves; ++i) {
-      place_[sorted[i]] = node_at.size();
-      node_at.push_back(sorted[i]);
+      const std::int64_t slot = arrays.node_slot[given.nodes[sorted[i]]];
+      const auto block = slot / static_cast<std::int64_t>(lanes);
+      if (vector_rows) {
+        if (node_at.size() / lanes == first_row || block_at.back() != block) {
+          node_at.resize(node_at.size() + lanes, n_nodes_);
+          block_at.push_back(block);
+        }
+        place_[sorted[i]] = node_at.size() - lanes + slot % lanes;
+        node_at[place_[sorted[i]]] = sorted[i];
+      } else {
+        place_[sorted[i]] = node_at.size();
+        node_at.push_back(sorted[i]);
+      }
     }
     node_at.resize((node_at.size() + lanes - 1) / lanes * lanes, n_nodes_);
+    block_at.resize(node_at.size() / lanes, -1);
     const std::size_t n_rows = node_at.size() / lanes - first_row;
     const auto column = pose_column + static_cast<std::int32_t>((moves - 1) * kPoseValues);
     groups_.push_back({first_row, vector_rows ? n_rows : n_rows * lanes, moves ? column : -1, {}});
@@ -118,9 +132,11 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       laws[(row * SLIDE_LAWS + k) * lanes + lane] = value;
     };
     if (node_at[place] == n_nodes_) {
-      put_int(SLIDE_DOF, empty);
+      put_int(SLIDE_DOF, block_at[row] < 0
+                             ? empty
+                             : static_cast<std::int32_t>(block_at[row] * 3 * lanes + lane));
       put_int(SLIDE_SURFACE, -1);
-      // What a moving surface sees of the empty block is somewhere.
+      // Wherever such a lane is, seen from the surface or not, is in its region.
       put(REGION_RADIUS, 1e30);
       for (int k = 0; k < REGION_MOST_BORDERS; ++k) put(REGION_BORDERS + 4 * k + 3, 1e30);
       continue;

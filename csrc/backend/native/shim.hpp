@@ -41,9 +41,6 @@ inline realv gather_lanes(const real* p, const int* at) {
   for (int lane = 0; lane < TLED_LANES; ++lane) v[lane] = p[at[lane]];
   return v;
 }
-inline void scatter_lanes(realv v, real* p, const int* at) {
-  for (int lane = 0; lane < TLED_LANES; ++lane) p[at[lane]] = v[lane];
-}
 inline void prefetch_line(const real* p) { __builtin_prefetch(p, 1); }
 inline int all_below(realv a, realv b) {
 #if defined(__AVX2__) && !defined(__AVX512F__)  // the loop below is not recognised
