@@ -116,7 +116,7 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
     __global real* mine = row->rows + lane;
     __global real* region = row->regions + lane;
     if (mine[SLIDE_SLACK * TLED_LANES] > R(0.0)) {
-      round |= mine[SLIDE_ROUND * TLED_LANES] != R(0.0);
+      round |= region[REGION_ROUND * TLED_LANES] != R(0.0);
       continue;
     }
     const int dof = row->ints[lane];
@@ -152,8 +152,9 @@ INLINE WayBack way_back(const SlideRow* row, Points seen) {
   way.normal = way.back = n;
   if (shape & 2) way.back = lanes_of(row->regions + row->first + REGION_ALONG * TLED_LANES);
   if (shape & 1) {
-    const realv round = load_lanes(lanes + SLIDE_ROUND * TLED_LANES);
-    const Points on = lanes_of(lanes + SLIDE_ON * TLED_LANES);
+    __global const real* region = row->regions + row->first;
+    const realv round = load_lanes(region + REGION_ROUND * TLED_LANES);
+    const Points on = lanes_of(region + REGION_ON * TLED_LANES);
     Points q = {seen.x - on.x, seen.y - on.y, seen.z - on.z};
     const realv along = lanes_inner(n, q);
     q.x -= along * n.x;
@@ -222,6 +223,8 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   // Rows of nodes lie scattered: those of one to come are on their way meanwhile.
   if (item + AHEAD < n_items) {
     __global const real* ahead = u_next + row.ints[AHEAD * SLIDE_INTS * TLED_LANES];
+    for (int k = 0; k < SLIDE_ROWS; k += 2)
+      prefetch_line(lanes + (AHEAD * SLIDE_ROWS + k) * TLED_LANES);
     prefetch_line(ahead);
     prefetch_line(ahead + TLED_LANES);
     prefetch_line(ahead + 2 * TLED_LANES);

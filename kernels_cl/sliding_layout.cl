@@ -3,15 +3,13 @@
 // Rows of lanes: slide_rows[(row of nodes * SLIDE_ROWS + row) * TLED_LANES + lane], what every step
 // reads, and slide_regions, likewise, the rest. Displacements are those seen from the surface
 // (sliding.cl).
-#define SLIDE_ROWS 12
+#define SLIDE_ROWS 8
 #define SLIDE_SEEN 0      // 3: displacement when the region was last looked at, m
 #define SLIDE_SLACK 3     // distance from there to the region's nearest side, m; 0: to be looked at
 #define SLIDE_NORMAL 4    // 3: unit normal of the plane; of an edge its direction, of a corner 0
 #define SLIDE_TARGET 7    // plane: normal . u at the distance to keep, m; edge, corner: that distance
-#define SLIDE_ROUND 8     // 0 plane; edge, corner: 1 before the surface, -1 behind
-#define SLIDE_ON 9        // 3: edge, corner: a point of it less the reference position, m
 
-#define REGION_ROWS 28
+#define REGION_ROWS 32
 #define REGION_ALONG 0    // 3: way back for each metre off the distance: the normal where all may move
 #define REGION_ANCHOR 3   // 3: displacement when level 2 was last run, m
 #define REGION_RADIUS 6   // of the region's ball, m
@@ -20,14 +18,16 @@
 #define REGION_DISTANCE 23  // to keep, m, negative behind the surface
 #define REGION_PLACE 24   // 3: reference position
 #define REGION_LOSS 27    // what friction took so far, J for each kg of the node
+#define REGION_ROUND 28   // 0 plane; edge, corner: 1 before the surface, -1 behind
+#define REGION_ON 29      // 3: edge, corner: a point of it less the reference position, m
 
 // slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]. Where rows are vectors the nodes of
 // a row are those of one block, lane by lane.
 #define SLIDE_INTS 4
 #define SLIDE_DOF 0      // of the x component in u
-#define SLIDE_SURFACE 1  // -1: no node here
-#define SLIDE_FREE 2     // bits: 1 x may move, 2 y, 4 z
-#define SLIDE_SHAPE 3    // in the row's first lane, bits: 1 a lane is on an edge or corner, 2 or held
+#define SLIDE_SHAPE 1    // in the row's first lane, bits: 1 a lane is on an edge or corner, 2 or held
+#define SLIDE_SURFACE 2  // -1: no node here
+#define SLIDE_FREE 3     // bits: 1 x may move, 2 y, 4 z
 
 // slide_laws[(row of nodes * SLIDE_LAWS + k) * TLED_LANES + lane], where surfaces move, rub or let go
 #define SLIDE_LAWS 5

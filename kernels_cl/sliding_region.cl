@@ -279,10 +279,13 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
     slack = within < slack ? within : slack;
   }
   const real values[SLIDE_ROWS] = {u.x, u.y, u.z, slack, n.x, n.y, n.z,
-                                  round != R(0.0) ? keep : keep + inner(n, to),
-                                  round, to.x, to.y, to.z};
+                                  round != R(0.0) ? keep : keep + inner(n, to)};
   for (int k = 0; k < SLIDE_ROWS; ++k) rows[k * TLED_LANES] = values[k];
   const real region_values[REGION_BORDERS] = {along.x, along.y, along.z, u.x, u.y, u.z, radius};
   for (int k = 0; k < REGION_BORDERS; ++k) region_rows[k * TLED_LANES] = region_values[k];
+  region_rows[REGION_ROUND * TLED_LANES] = round;
+  region_rows[REGION_ON * TLED_LANES] = to.x;
+  region_rows[(REGION_ON + 1) * TLED_LANES] = to.y;
+  region_rows[(REGION_ON + 2) * TLED_LANES] = to.z;
   return round != R(0.0);
 }
