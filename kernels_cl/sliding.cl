@@ -19,8 +19,9 @@
 // the surface has to push or pull as the normal force: the way along the surface in this step is
 // shortened by the coefficient times the way back to the distance, at most to nothing.
 
-// Rows between one and the one whose nodes are fetched meanwhile.
+// Rows between one and the one whose region is fetched meanwhile; its nodes are as many before that.
 #define AHEAD 3
+#define LINE_REALS (64 / (int)sizeof(real))
 
 // Displacement of a node at X as seen from a surface in a pose, and a vector turned out of the pose.
 INLINE Point seen_from(__global const real* pose, Point X, Point u) {
@@ -94,6 +95,32 @@ INLINE realv left_in_regions(const SlideRow* row, Points u) {
   }
   return left;
 }
+
+#if TLED_VECTOR_ROWS
+// What later rows need is on its way meanwhile: their nodes and, a little later, the regions that are
+// about to be looked at. left: rows behind this one.
+INLINE void fetch_ahead(const SlideRow* row, __global const real* u, int left) {
+  if (left >= 2 * AHEAD) {
+    __global const real* lanes = row->rows + 2 * AHEAD * SLIDE_ROWS * TLED_LANES;
+    for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS) prefetch_line(lanes + k);
+    prefetch_line((__global const real*)row->ints + 4 * AHEAD * SLIDE_INTS * TLED_LANES);
+    __global const real* nodes = u + row->ints[2 * AHEAD * SLIDE_INTS * TLED_LANES];
+    for (int k = 0; k < 3 * TLED_LANES; k += LINE_REALS) prefetch_line(nodes + k);
+    prefetch_line(nodes + 3 * TLED_LANES - 1);
+  }
+  if (left >= AHEAD && !row->moves) {
+    __global const real* lanes = row->rows + AHEAD * SLIDE_ROWS * TLED_LANES;
+    const Points now = lanes_of(u + row->ints[AHEAD * SLIDE_INTS * TLED_LANES]);
+    const Points last = lanes_of(lanes + SLIDE_SEEN * TLED_LANES);
+    const Points way = {now.x - last.x, now.y - last.y, now.z - last.z};
+    const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES);
+    if (all_below(lanes_inner(way, way), slack * slack)) return;
+    __global const real* region = row->regions + AHEAD * REGION_ROWS * TLED_LANES;
+    for (int k = REGION_ANCHOR * TLED_LANES; k < REGION_DISTANCE * TLED_LANES; k += LINE_REALS)
+      prefetch_line(region + k);
+  }
+}
+#endif
 
 // Levels 1 to 3: afterwards the row's surfaces are those of the places `seen` of u.
 INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
@@ -220,15 +247,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   __global real* lanes = row.rows + first;
   __global real* region = row.regions + first;
 #if TLED_VECTOR_ROWS
-  // Rows of nodes lie scattered: those of one to come are on their way meanwhile.
-  if (item + AHEAD < n_items) {
-    __global const real* ahead = u_next + row.ints[AHEAD * SLIDE_INTS * TLED_LANES];
-    for (int k = 0; k < SLIDE_ROWS; k += 2)
-      prefetch_line(lanes + (AHEAD * SLIDE_ROWS + k) * TLED_LANES);
-    prefetch_line(ahead);
-    prefetch_line(ahead + TLED_LANES);
-    prefetch_line(ahead + 2 * TLED_LANES);
-  }
+  fetch_ahead(&row, u_next, n_items - 1 - item);
 #endif
   const long dof = row.ints[first];
   Points u = lanes_of(u_next + dof);
