@@ -18,7 +18,9 @@
 #if TLED_VECTOR_ROWS
 #include "rows.cl"
 #else
+#include "corner_modes.cl"
 #include "gather.cl"
+#include "tile.cl"
 #endif
 #include "hexahedra.cl"
 #if TLED_VECTOR_ROWS

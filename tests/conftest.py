@@ -35,6 +35,7 @@ def _executors():
             if device.kind == "cpu":
                 found.append(Executor(device.id, "rows"))
             found.append(Executor(device.id, "gather"))
+            found.append(Executor(device.id, "tile"))
     return found
 
 

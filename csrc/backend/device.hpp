@@ -26,6 +26,8 @@ struct DeviceInfo {
   bool has_double = false;
   unsigned compute_units = 1;
   std::size_t memory_bytes = 0;
+  // Of a work-group; 0: there are none.
+  std::size_t local_bytes = 0, largest_group = 0;
 };
 
 // Device memory. Offsets and sizes in bytes; all calls are ordered with the launches of its device.
@@ -43,12 +45,15 @@ class Buffer {
 };
 
 // A kernel with its arguments bound; bind again to change one. Arguments are buffers and 32-bit
-// integers only: real numbers travel in buffers, so that no argument changes size with precision.
+// integers only (and local memory): real numbers travel in buffers, so that no argument changes
+// size with precision.
 class Kernel {
  public:
   virtual ~Kernel() = default;
   virtual void set_arg(unsigned index, const Buffer& buffer) = 0;
   virtual void set_arg(unsigned index, std::int32_t value) = 0;
+  // Local memory of a work-group; only where DeviceInfo::local_bytes says that there is some.
+  virtual void set_local(unsigned index, std::size_t bytes) = 0;
   // Enqueues `n_items` work-items in order; returns at once where the device is asynchronous.
   // local_size 0 leaves the work-group size to the device; else n_items is rounded up to a multiple
   // of it (kernels check their range themselves).

@@ -82,7 +82,8 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
                                           const std::string& precision,
                                           const std::string& hourglass, double kappa,
                                           double damping, const std::string& kernels,
-                                          std::size_t n_bands, const Conditions* conditions,
+                                          std::size_t n_bands, std::array<int, 3> tile,
+                                          const Conditions* conditions,
                                           const SlidingNodes* sliding) {
   SimulatorOptions options;
   options.precision = pick<Precision>(
@@ -90,9 +91,12 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
   options.hourglass = pick<HourglassForm>(
       "hourglass", hourglass,
       {{"physical", HourglassForm::kPhysical}, {"joldes", HourglassForm::kKappa}});
-  options.kernels = pick<KernelPath>(
-      "kernels", kernels,
-      {{"auto", KernelPath::kAuto}, {"rows", KernelPath::kRows}, {"gather", KernelPath::kGather}});
+  options.kernels = pick<KernelPath>("kernels", kernels,
+                                     {{"auto", KernelPath::kAuto},
+                                      {"rows", KernelPath::kRows},
+                                      {"gather", KernelPath::kGather},
+                                      {"tile", KernelPath::kTile}});
+  options.tile = {tile[0], tile[1], tile[2]};
   options.kappa = kappa;
   options.damping = damping;
   options.n_bands = n_bands;
@@ -287,7 +291,8 @@ void define_simulator(py::module_& module) {
   py::class_<Simulator>(module, "Simulator", "The step loop on one device; see tledface.Simulator.")
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
            py::arg("precision"), py::arg("hourglass"), py::arg("kappa"), py::arg("damping"),
-           py::arg("kernels") = "auto", py::arg("n_bands") = 0, py::arg("conditions") = py::none(),
+           py::arg("kernels") = "auto", py::arg("n_bands") = 0,
+           py::arg("tile") = std::array<int, 3>{16, 8, 0}, py::arg("conditions") = py::none(),
            py::arg("sliding") = py::none())
       .def(
           "step",
@@ -375,6 +380,7 @@ void define_simulator(py::module_& module) {
       .def("time_after", &Simulator::time_after, py::arg("steps"))
       .def_property_readonly("n_steps", &Simulator::n_steps)
       .def_property_readonly("uses_rows", &Simulator::uses_rows)
+      .def_property_readonly("kernels", &Simulator::kernels)
       .def_property_readonly("fill", [](const Simulator& sim) { return sim.arrays().fill(); })
       .def_property_readonly("device_bytes", &Simulator::device_bytes)
       .def_property_readonly("lanes", [](const Simulator& sim) { return sim.arrays().lanes; })

@@ -70,6 +70,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   path.precision = options_.precision;
   path.hourglass = options_.hourglass;
   path.rows = rows_;
+  if (options_.kernels == KernelPath::kTile) path.tile = options_.tile;
   path.n_bands = options_.n_bands;
   path.step_reals = step_reals_;
   path_ = make_force_path(*device_, *program_, arrays_, solver_buffers(), path);
@@ -87,6 +88,12 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     sliding_->bind(u, *step_table_, step_reals_);
   }
   bind_masses(*blocks_, *node_sets_);
+}
+
+const char* Simulator::kernels() const {
+  if (model_.conforming()) return "hexahedra";
+  if (rows_) return "rows";
+  return options_.kernels == KernelPath::kTile ? "tile" : "gather";
 }
 
 std::unique_ptr<Buffer> Simulator::upload(const std::vector<double>& values, std::size_t at_least) {

@@ -27,6 +27,7 @@ struct SimulatorOptions {
   double kappa = 0.075;
   double damping = 0;  // mass-proportional, 1/s
   KernelPath kernels = KernelPath::kAuto;
+  TileShape tile{16, 8, 0};                   // of kTile; depth 0: by the device's compute units
   std::size_t n_bands = 0;                    // 0: by the device's compute units
   std::array<int, 3> axis_order{-1, -1, -1};  // see PrecomputeOptions
 };
@@ -144,6 +145,8 @@ class Simulator {
   std::size_t n_pose_values() const { return sliding_given_.moving.size() * Sliding::kPoseValues; }
   std::size_t n_values() const { return n_condition_values() + n_pose_values(); }
   bool uses_rows() const { return rows_; }
+  // "rows", "gather", "tile" or "hexahedra": what computes its steps.
+  const char* kernels() const;
   // Device buffer of the displacement of now: [block][component][lane].
   const Buffer& displacement_buffer() const { return *u_[now_]; }
   void finish() { device_->finish(); }

@@ -130,6 +130,9 @@ class NativeKernel final : public Kernel {
     args_[index].integer = value;
     bound_[index] = true;
   }
+  void set_local(unsigned, std::size_t) override {
+    throw SimulationError(std::string("kernel ") + entry_.name + ": no local memory here");
+  }
   void enqueue(std::size_t n_items, std::size_t local_size) override {
     for (unsigned index = 0; index < entry_.n_args; ++index)
       if (!bound_[index])

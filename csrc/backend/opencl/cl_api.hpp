@@ -40,8 +40,10 @@ constexpr Enum kPlatformVendor = 0x0903;
 
 constexpr Enum kDeviceType = 0x1000;
 constexpr Enum kDeviceMaxComputeUnits = 0x1002;
+constexpr Enum kDeviceMaxWorkGroupSize = 0x1004;
 constexpr Enum kDeviceMaxMemoryAllocation = 0x1010;
 constexpr Enum kDeviceGlobalMemorySize = 0x101F;
+constexpr Enum kDeviceLocalMemorySize = 0x1023;
 constexpr Enum kDeviceAvailable = 0x1027;
 constexpr Enum kDeviceCompilerAvailable = 0x1028;
 constexpr Enum kDeviceName = 0x102B;

@@ -267,6 +267,8 @@ class OpenClKernel final : public Kernel {
 
   void set_arg(unsigned index, std::int32_t value) override { set(index, sizeof value, &value); }
 
+  void set_local(unsigned index, std::size_t bytes) override { set(index, bytes, nullptr); }
+
   void enqueue(std::size_t n_items, std::size_t local_size) override {
     if (n_items == 0) return;
     if (local_size > 0) n_items = (n_items + local_size - 1) / local_size * local_size;
@@ -353,6 +355,8 @@ DeviceInfo describe_opencl_device(const cl::Api& api, cl::Platform platform, cl:
   info.has_double = query_value<cl::Bitfield>(api, handle, cl::kDeviceDoubleConfig) != 0;
   info.compute_units = query_value<cl::UInt>(api, handle, cl::kDeviceMaxComputeUnits);
   info.memory_bytes = query_value<std::uint64_t>(api, handle, cl::kDeviceGlobalMemorySize);
+  info.local_bytes = query_value<std::uint64_t>(api, handle, cl::kDeviceLocalMemorySize);
+  info.largest_group = query_value<std::size_t>(api, handle, cl::kDeviceMaxWorkGroupSize);
   if (!query_value<cl::Bool>(api, handle, cl::kDeviceAvailable))
     info.reason = "the driver says it is not available";
   else if (!query_value<cl::Bool>(api, handle, cl::kDeviceCompilerAvailable))
