@@ -36,7 +36,9 @@ class Buffer {
   virtual ~Buffer() = default;
   virtual std::size_t bytes() const = 0;
   virtual void write(const void* source, std::size_t bytes,
-                     std::size_t offset = 0) = 0;                                        // blocking
+                     std::size_t offset = 0) = 0;  // blocking
+  // The same without waiting for what was enqueued before; the source is copied first.
+  virtual void write_later(const void* source, std::size_t bytes) { write(source, bytes); }
   virtual void read(void* target, std::size_t bytes, std::size_t offset = 0) const = 0;  // blocking
   // The memory itself where the host can use it as it is (native), else null.
   virtual void* host_pointer() const { return nullptr; }
@@ -66,6 +68,7 @@ struct ProgramOptions {
   Precision precision = Precision::kSingle;
   int lanes = 16;
   bool vector_rows = true;
+  bool laws = true;  // some block has law entries; false is for work-items of one lane
 };
 
 class Program {
@@ -86,6 +89,8 @@ class Device {
   virtual std::unique_ptr<Buffer> allocate(std::size_t bytes) = 0;
   virtual std::unique_ptr<Program> build(const ProgramOptions& options) = 0;
   virtual void finish() = 0;
+  // Makes sure that what was enqueued begins.
+  virtual void flush() {}
 };
 
 // Native executor; always there.

@@ -33,7 +33,6 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   program.precision = options_.precision;
   program.lanes = device_->preferred_lanes(options_.precision);
   program.vector_rows = rows_;
-  program_ = device_->build(program);
 
   precompute_.lanes = program.lanes;
   precompute_.hourglass = options_.hourglass;
@@ -42,6 +41,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     set_kappa_stiffening(model_, options_.kappa);
   precompute_.axis_order = options_.axis_order;
   arrays_ = make_solver_arrays(model_, precompute_);
+  program.laws = rows_ || !arrays_.law_entries.empty();
+  program_ = device_->build(program);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions) +
                 static_cast<std::int32_t>(sliding.moving.size() * Sliding::kPoseValues);
@@ -122,6 +123,15 @@ void Simulator::write_reals(Buffer& buffer, const std::vector<double>& values) {
   }
 }
 
+void Simulator::write_table(const std::vector<double>& rows) {
+  if (options_.precision == Precision::kDouble) {
+    step_table_->write_later(rows.data(), rows.size() * sizeof(double));
+  } else {
+    const auto narrow = narrowed<float>(rows);
+    step_table_->write_later(narrow.data(), narrow.size() * sizeof(float));
+  }
+}
+
 SolverBuffers Simulator::solver_buffers() const {
   return {{u_[0].get(), u_[1].get()},
           {history_[0].get(), history_[1].get()},
@@ -198,8 +208,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
       row[STEP_DT] = starts_ && i == 0 ? 0 : dt_;
       row[STEP_TIME] = time_after(static_cast<std::int64_t>(i));
     }
-    device_->finish();  // the table may still be read by steps enqueued before
-    write_reals(*step_table_, table);
+    write_table(table);
     if (n_fields)
       conditions_->write_keys(
           input.keys.data() + static_cast<std::size_t>(key - key_begin) * n_fields,
@@ -215,6 +224,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     n_steps_ += static_cast<std::int64_t>(batch);
     clock_steps_ += static_cast<std::int64_t>(batch);
   }
+  device_->flush();
 }
 
 void Simulator::fill_motion(double* row, bool from_rest) const {
@@ -375,8 +385,7 @@ std::vector<double> Simulator::force_at(double dt, const std::vector<double>& ac
   row[STEP_DT] = dt;
   row[STEP_TIME] = time();
   std::copy(activations.begin(), activations.end(), row.begin() + STEP_ACTIVATION);
-  device_->finish();
-  write_reals(*step_table_, row);
+  write_table(row);
   auto force = device_->allocate(u_[0]->bytes());
   path_->enqueue_forces(now_, *force);
   return slots_to_nodes(arrays_, read_slots(*force));

@@ -164,6 +164,8 @@ class Simulator {
   std::unique_ptr<Buffer> upload(const std::vector<double>& values, std::size_t at_least = 1);
   std::unique_ptr<Buffer> upload(const std::vector<std::int32_t>& values);
   void write_reals(Buffer& buffer, const std::vector<double>& values);
+  // Of the steps that are enqueued next; those before may still read the table as it was.
+  void write_table(const std::vector<double>& rows);
   std::vector<double> read_reals(const Buffer& buffer, std::size_t count);
   std::vector<double> read_slots(const Buffer& buffer);
   void check_input(const char* what, std::size_t n, const StepInput& input,

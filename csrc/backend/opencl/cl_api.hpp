@@ -27,7 +27,7 @@ constexpr Int kOutOfResources = -5;
 constexpr Int kOutOfHostMemory = -6;
 constexpr Int kInvalidBufferSize = -61;
 
-constexpr Bool kTrue = 1;
+constexpr Bool kFalse = 0, kTrue = 1;
 
 constexpr Bitfield kDeviceTypeCpu = 1u << 1;
 constexpr Bitfield kDeviceTypeGpu = 1u << 2;
@@ -71,6 +71,8 @@ constexpr Enum kProgramBuildLog = 0x1183;
     (Queue, Memory, Bool, std::size_t, std::size_t, void*, UInt, const Event*, Event*))          \
   X(EnqueueWriteBuffer, Int,                                                                     \
     (Queue, Memory, Bool, std::size_t, std::size_t, const void*, UInt, const Event*, Event*))    \
+  X(WaitForEvents, Int, (UInt, const Event*))                                                    \
+  X(ReleaseEvent, Int, (Event))                                                                  \
   X(EnqueueFillBuffer, Int,                                                                      \
     (Queue, Memory, const void*, std::size_t, std::size_t, std::size_t, UInt, const Event*,      \
      Event*))                                                                                    \
@@ -85,6 +87,7 @@ constexpr Enum kProgramBuildLog = 0x1183;
   X(EnqueueNDRangeKernel, Int,                                                                   \
     (Queue, KernelId, UInt, const std::size_t*, const std::size_t*, const std::size_t*, UInt,    \
      const Event*, Event*))                                                                      \
+  X(Flush, Int, (Queue))                                                                         \
   X(Finish, Int, (Queue))
 
 // Entry points of one loaded library; all are set. Driver objects carry their own dispatch table

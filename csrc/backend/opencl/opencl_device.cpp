@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <deque>
 #include <map>
 #include <mutex>
 #include <stdexcept>
@@ -18,6 +19,8 @@ constexpr const char* kBuildOptions =
     "-cl-std=CL1.2 -cl-mad-enable -cl-no-signed-zeros -cl-denorms-are-zero";
 // Buffers end on a full vector row and a cache line, so that whole rows can be filled.
 constexpr std::size_t kBufferGranularity = 128;
+// Copies of what waits to be written to a buffer: how far the host runs ahead of the device.
+constexpr std::size_t kWritesAhead = 2;
 
 std::string size_text(std::size_t bytes) {
   const char* const units[] = {"B", "KiB", "MiB", "GiB", "TiB"};
@@ -199,7 +202,10 @@ class OpenClBuffer final : public Buffer {
       refuse(status, largest);
     }
   }
-  ~OpenClBuffer() override { queue_->api.ReleaseMemObject(handle_); }
+  ~OpenClBuffer() override {
+    while (!waiting_.empty()) let_go_first();
+    queue_->api.ReleaseMemObject(handle_);
+  }
   OpenClBuffer(const OpenClBuffer&) = delete;
   OpenClBuffer& operator=(const OpenClBuffer&) = delete;
 
@@ -219,9 +225,34 @@ class OpenClBuffer final : public Buffer {
                   "clEnqueueReadBuffer");
   }
 
+  void write_later(const void* source, std::size_t bytes) override {
+    if (!check_range(bytes, 0)) return;
+    while (waiting_.size() >= kWritesAhead) queue_->check(let_go_first(), "clWaitForEvents");
+    const auto* begin = static_cast<const std::uint8_t*>(source);
+    waiting_.push_back({std::vector<std::uint8_t>(begin, begin + bytes), nullptr});
+    const cl::Int status = queue_->api.EnqueueWriteBuffer(queue_->handle, handle_, cl::kFalse, 0,
+                                                          bytes, waiting_.back().bytes.data(), 0,
+                                                          nullptr, &waiting_.back().done);
+    if (status != cl::kSuccess) waiting_.pop_back();
+    queue_->check(status, "clEnqueueWriteBuffer");
+  }
+
   void* opencl_handle() const override { return handle_; }
 
  private:
+  struct Waiting {
+    std::vector<std::uint8_t> bytes;
+    cl::Event done;
+  };
+
+  // Waits for the first that is being written.
+  cl::Int let_go_first() {
+    const cl::Int status = queue_->api.WaitForEvents(1, &waiting_.front().done);
+    queue_->api.ReleaseEvent(waiting_.front().done);
+    waiting_.pop_front();
+    return status;
+  }
+
   // False where there is nothing to copy; OpenCL has no empty transfer.
   bool check_range(std::size_t bytes, std::size_t offset) const {
     if (offset > bytes_ || bytes > bytes_ - offset)
@@ -243,6 +274,7 @@ class OpenClBuffer final : public Buffer {
   std::shared_ptr<OpenClQueue> queue_;
   std::size_t bytes_;
   cl::Memory handle_ = nullptr;
+  std::deque<Waiting> waiting_;
 };
 
 class OpenClKernel final : public Kernel {
@@ -337,6 +369,8 @@ std::unique_ptr<Program> OpenClDevice::build_source(const std::string& source,
                      "): has no double precision; use precision='single' or device='native'");
   return std::make_unique<OpenClProgram>(queue_, queue_->context.program(source, queue_->name()));
 }
+
+void OpenClDevice::flush() { queue_->check(queue_->api.Flush(queue_->handle), "clFlush"); }
 
 void OpenClDevice::finish() { queue_->check(queue_->api.Finish(queue_->handle), "clFinish"); }
 
