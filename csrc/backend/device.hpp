@@ -26,6 +26,7 @@ struct DeviceInfo {
   bool has_double = false;
   unsigned compute_units = 1;
   std::size_t memory_bytes = 0;
+  bool limits_registers = false;  // ProgramOptions::registers is heeded
   // Of a work-group; 0: there are none.
   std::size_t local_bytes = 0, largest_group = 0;
 };
@@ -69,6 +70,8 @@ struct ProgramOptions {
   int lanes = 16;
   bool vector_rows = true;
   bool laws = true;  // some block has law entries; false is for work-items of one lane
+  int registers =
+      0;  // of a work-item, at most; 0, or DeviceInfo::limits_registers false: as compiled
 };
 
 class Program {

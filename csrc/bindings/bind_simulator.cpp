@@ -83,7 +83,7 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
                                           const std::string& hourglass, double kappa,
                                           double damping, const std::string& kernels,
                                           std::size_t n_bands, std::array<int, 3> tile,
-                                          const Conditions* conditions,
+                                          int registers, const Conditions* conditions,
                                           const SlidingNodes* sliding) {
   SimulatorOptions options;
   options.precision = pick<Precision>(
@@ -97,6 +97,7 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
                                       {"gather", KernelPath::kGather},
                                       {"tile", KernelPath::kTile}});
   options.tile = {tile[0], tile[1], tile[2]};
+  options.registers = registers;
   options.kappa = kappa;
   options.damping = damping;
   options.n_bands = n_bands;
@@ -292,8 +293,8 @@ void define_simulator(py::module_& module) {
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
            py::arg("precision"), py::arg("hourglass"), py::arg("kappa"), py::arg("damping"),
            py::arg("kernels") = "auto", py::arg("n_bands") = 0,
-           py::arg("tile") = std::array<int, 3>{16, 8, 0}, py::arg("conditions") = py::none(),
-           py::arg("sliding") = py::none())
+           py::arg("tile") = std::array<int, 3>{16, 8, 0}, py::arg("registers") = 0,
+           py::arg("conditions") = py::none(), py::arg("sliding") = py::none())
       .def(
           "step",
           [](Simulator& sim, std::size_t n, const Array<double>& activations,

@@ -43,6 +43,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   arrays_ = make_solver_arrays(model_, precompute_);
   program.laws = rows_ || !arrays_.law_entries.empty();
   program_ = device_->build(program);
+  program.registers = options_.registers;
+  if (program.registers) path_program_ = device_->build(program);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions) +
                 static_cast<std::int32_t>(sliding.moving.size() * Sliding::kPoseValues);
@@ -74,7 +76,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   if (options_.kernels == KernelPath::kTile) path.tile = options_.tile;
   path.n_bands = options_.n_bands;
   path.step_reals = step_reals_;
-  path_ = make_force_path(*device_, *program_, arrays_, solver_buffers(), path);
+  path_ = make_force_path(*device_, path_program_ ? *path_program_ : *program_, arrays_,
+                          solver_buffers(), path);
   device_bytes_ += path_->bytes();
   conditions_ =
       std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,

@@ -27,6 +27,8 @@ struct SimulatorOptions {
   double kappa = 0.075;
   double damping = 0;  // mass-proportional, 1/s
   KernelPath kernels = KernelPath::kAuto;
+  // Of the kernels of a step, see ProgramOptions; the others are small.
+  int registers = 0;
   TileShape tile{16, 8, 0};                   // of kTile; depth 0: by the device's compute units
   std::size_t n_bands = 0;                    // 0: by the device's compute units
   std::array<int, 3> axis_order{-1, -1, -1};  // see PrecomputeOptions
@@ -194,7 +196,7 @@ class Simulator {
   std::size_t device_bytes_ = 0;
   std::int32_t step_reals_ = 0;
 
-  std::unique_ptr<Program> program_;
+  std::unique_ptr<Program> program_, path_program_;  // the latter: where registers are limited
   std::unique_ptr<NodalConditions> conditions_;
   SlidingNodes sliding_given_;
   std::unique_ptr<Sliding> sliding_;  // where nodes slide

@@ -48,6 +48,7 @@ constexpr Enum kDeviceAvailable = 0x1027;
 constexpr Enum kDeviceCompilerAvailable = 0x1028;
 constexpr Enum kDeviceName = 0x102B;
 constexpr Enum kDriverVersion = 0x102D;
+constexpr Enum kDeviceExtensions = 0x1030;
 constexpr Enum kDeviceDoubleConfig = 0x1032;
 constexpr Enum kDeviceNativeVectorWidthFloat = 0x103A;
 

@@ -107,7 +107,8 @@ struct OpenClContext {
     return *context;
   }
 
-  cl::ProgramId program(const std::string& source, const std::string& device_name) {
+  cl::ProgramId program(const std::string& source, const std::string& build_options,
+                        const std::string& device_name) {
     std::lock_guard<std::mutex> lock(mutex);
     const auto found = programs.find(source);
     if (found != programs.end()) return found->second;
@@ -118,7 +119,7 @@ struct OpenClContext {
     if (status != cl::kSuccess)
       throw SimulationError(device_name +
                             ": clCreateProgramWithSource: " + opencl_error_name(status));
-    status = api.BuildProgram(built, 1, &device, kBuildOptions, nullptr, nullptr);
+    status = api.BuildProgram(built, 1, &device, build_options.c_str(), nullptr, nullptr);
     if (status != cl::kSuccess) {
       const std::string log = build_log(built);
       api.ReleaseProgram(built);
@@ -367,7 +368,11 @@ std::unique_ptr<Program> OpenClDevice::build_source(const std::string& source,
   if (options.precision == Precision::kDouble && !info().has_double)
     throw InputError(queue_->name() + " (" + info().name +
                      "): has no double precision; use precision='single' or device='native'");
-  return std::make_unique<OpenClProgram>(queue_, queue_->context.program(source, queue_->name()));
+  std::string build_options = kBuildOptions;
+  if (options.registers > 0 && info().limits_registers)
+    build_options += " -cl-nv-maxrregcount=" + std::to_string(options.registers);
+  return std::make_unique<OpenClProgram>(
+      queue_, queue_->context.program(source, build_options, queue_->name()));
 }
 
 void OpenClDevice::flush() { queue_->check(queue_->api.Flush(queue_->handle), "clFlush"); }
@@ -389,6 +394,9 @@ DeviceInfo describe_opencl_device(const cl::Api& api, cl::Platform platform, cl:
   info.has_double = query_value<cl::Bitfield>(api, handle, cl::kDeviceDoubleConfig) != 0;
   info.compute_units = query_value<cl::UInt>(api, handle, cl::kDeviceMaxComputeUnits);
   info.memory_bytes = query_value<std::uint64_t>(api, handle, cl::kDeviceGlobalMemorySize);
+  info.limits_registers =
+      query_text(api.GetDeviceInfo, handle, cl::kDeviceExtensions).find("cl_nv_compiler_options") !=
+      std::string::npos;
   info.local_bytes = query_value<std::uint64_t>(api, handle, cl::kDeviceLocalMemorySize);
   info.largest_group = query_value<std::size_t>(api, handle, cl::kDeviceMaxWorkGroupSize);
   if (!query_value<cl::Bool>(api, handle, cl::kDeviceAvailable))
