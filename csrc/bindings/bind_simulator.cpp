@@ -96,7 +96,9 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
                                       {"rows", KernelPath::kRows},
                                       {"gather", KernelPath::kGather},
                                       {"tile", KernelPath::kTile}});
-  options.tile = {tile[0], tile[1], tile[2]};
+  options.tile.width = tile[0];
+  options.tile.rows = tile[1];
+  options.tile.depth = tile[2];
   options.registers = registers;
   options.kappa = kappa;
   options.damping = damping;

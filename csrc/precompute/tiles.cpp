@@ -10,6 +10,12 @@
 namespace tledface {
 namespace {
 
+// Along an edge; a work-group has a thousand or so.
+constexpr int kMostElements = 4096;
+// The plane below a tile is computed twice, so none is lower than it must be; higher is not worth
+// more.
+constexpr std::size_t kLeastDepth = 2, kMostDepth = 64;
+
 // The blocks of each (chunk, y), which follow each other in z.
 class Rows {
  public:
@@ -105,13 +111,22 @@ std::vector<Tile> band(const SolverArrays& arrays, const Rows& rows,
 
 }  // namespace
 
+int tile_depth(const SolverArrays& arrays, const TileShape& shape, std::size_t n_tiles) {
+  if (shape.width < 2 || shape.rows < 2 || shape.depth < 0 || shape.width > kMostElements ||
+      shape.rows > kMostElements)
+    throw InputError("tile: got " + std::to_string(shape.width) + " x " +
+                     std::to_string(shape.rows) + " elements and " + std::to_string(shape.depth) +
+                     " planes; allowed are 2 x 2 to " + std::to_string(kMostElements) + " x " +
+                     std::to_string(kMostElements) + ", and 0 (chosen) or more");
+  if (shape.depth) return shape.depth;
+  const std::size_t columns = std::size_t(shape.width - 1) * (shape.rows - 1),
+                    planes = std::size_t(arrays.n_blocks) * arrays.lanes / columns;
+  return static_cast<int>(std::clamp(planes / n_tiles, kLeastDepth, kMostDepth));
+}
+
 std::size_t Tiles::size() const { return tiles.size() / TLED_TILE_INTS; }
 
 Tiles make_tiles(const SolverArrays& arrays, const TileShape& shape) {
-  if (shape.width < 2 || shape.rows < 2 || shape.depth < 1)
-    throw InputError("tile: got " + std::to_string(shape.width) + " x " +
-                     std::to_string(shape.rows) + " elements of " + std::to_string(shape.depth) +
-                     " planes; allowed are at least 2 x 2 and 1");
   const Rows rows(arrays);
   const auto nodes = lanes_with_nodes(arrays);
   const std::int32_t lanes = arrays.lanes, step = shape.rows - 1;

@@ -192,7 +192,7 @@ std::unique_ptr<ForcePath> make_force_path(Device& device, Program& program,
   if (!arrays.hex_nodes.empty())
     return std::make_unique<HexahedraPath>(binder, arrays, buffers, options);
   if (options.rows) return std::make_unique<RowsPath>(device, binder, arrays, buffers, options);
-  if (options.tile.width) return make_tile_path(device, binder, arrays, buffers, options);
+  if (options.tiles) return make_tile_path(device, binder, arrays, buffers, options);
   return std::make_unique<GatherPath>(binder, arrays, buffers, options);
 }
 

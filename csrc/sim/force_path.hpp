@@ -23,8 +23,9 @@ struct SolverBuffers {
 struct ForcePathOptions {
   Precision precision = Precision::kSingle;
   HourglassForm hourglass = HourglassForm::kPhysical;
-  bool rows = true;         // of voxels: rows rather than gather or tile
-  TileShape tile;           // of voxels without rows: tile where it has a width; depth 0: chosen
+  bool rows = true;    // of voxels: rows rather than gather or tile
+  bool tiles = false;  // of voxels without rows: tile rather than gather
+  TileShape tile;
   std::size_t n_bands = 0;  // of rows; 0: by the device's compute units
   std::int32_t step_reals = 0;
 };

@@ -73,7 +73,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   path.precision = options_.precision;
   path.hourglass = options_.hourglass;
   path.rows = rows_;
-  if (options_.kernels == KernelPath::kTile) path.tile = options_.tile;
+  path.tiles = options_.kernels == KernelPath::kTile;
+  path.tile = options_.tile;
   path.n_bands = options_.n_bands;
   path.step_reals = step_reals_;
   path_ = make_force_path(*device_, path_program_ ? *path_program_ : *program_, arrays_,

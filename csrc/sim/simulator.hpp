@@ -29,7 +29,7 @@ struct SimulatorOptions {
   KernelPath kernels = KernelPath::kAuto;
   // Of the kernels of a step, see ProgramOptions; the others are small.
   int registers = 0;
-  TileShape tile{16, 8, 0};                   // of kTile; depth 0: by the device's compute units
+  TileShape tile;                             // of kTile
   std::size_t n_bands = 0;                    // 0: by the device's compute units
   std::array<int, 3> axis_order{-1, -1, -1};  // see PrecomputeOptions
 };

@@ -12,18 +12,8 @@ namespace {
 
 // Where the kernel takes what changes.
 constexpr unsigned kBlocks = 4, kNodeSets = 6, kHanded = 16, kStepIndex = 19, kIntegrates = 21;
-// Tiles a compute unit: enough that the last to finish leave few units idle. The plane below a tile
-// is computed twice, so no tile is lower than it must be, and beyond the most it is not worth more.
-constexpr std::size_t kTilesPerUnit = 8, kLeastDepth = 2, kMostDepth = 64;
-
-TileShape with_depth(TileShape shape, const SolverArrays& arrays, std::size_t compute_units) {
-  if (shape.depth) return shape;
-  const std::size_t columns = std::size_t(shape.width - 1) * (shape.rows - 1),
-                    planes = std::size_t(arrays.n_blocks) * arrays.lanes / columns;
-  shape.depth = static_cast<int>(
-      std::clamp(planes / (kTilesPerUnit * compute_units), kLeastDepth, kMostDepth));
-  return shape;
-}
+// Tiles a compute unit: enough that the last to finish leave few units idle.
+constexpr std::size_t kTilesPerUnit = 8;
 
 class TilePath final : public ForcePath {
  public:
@@ -31,6 +21,8 @@ class TilePath final : public ForcePath {
            const ForcePathOptions& options)
       : u_{b.u[0], b.u[1]}, group_(std::size_t(options.tile.width) * options.tile.rows) {
     const DeviceInfo& info = device.info();
+    TileShape shape = options.tile;
+    shape.depth = tile_depth(arrays, shape, kTilesPerUnit * std::max(1u, info.compute_units));
     const std::size_t local = 2 * group_ * TLED_TILE_HANDED * real_size(options.precision);
     if (group_ > info.largest_group || local > info.local_bytes)
       throw InputError("tile: " + std::to_string(options.tile.width) + " x " +
@@ -41,8 +33,7 @@ class TilePath final : public ForcePath {
                        std::to_string(info.local_bytes) +
                        "; use a smaller tile or "
                        "kernels='gather'");
-    const Tiles tiles =
-        make_tiles(arrays, with_depth(options.tile, arrays, std::max(1u, info.compute_units)));
+    const Tiles tiles = make_tiles(arrays, shape);
     n_items_ = tiles.size() * group_;
     tiles_ = binder.upload(tiles.tiles, bytes_);
     places_ = binder.upload(tiles.places, bytes_);
