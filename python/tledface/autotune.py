@@ -168,7 +168,11 @@ def _block(cells: tuple[int, int, int]) -> Any:
     size = (cells[0] * h, cells[1] * h, cells[2] * h)
     model = Model.block(cells=cells, size=size, material=tissue)
     model.add_muscle(
-        "muscle", lambda c: c[:, 2] < size[2] / 8, fibre=(1, 0, 0), sigma_act=50e3, sigma_pas=50e3
+        "muscle",
+        lambda c: c[:, 2] < max(size[2] / 8, h),
+        fibre=(1, 0, 0),
+        sigma_act=50e3,
+        sigma_pas=50e3,
     )
     model.fix(lambda X: X[:, 0] < 0.1 * h)
     return model
