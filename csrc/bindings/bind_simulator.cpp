@@ -5,6 +5,7 @@
 
 #include <optional>
 
+#include "bindings/options.hpp"
 #include "core/bandwidth.hpp"
 #include "core/error.hpp"
 #include "precompute/law_table.hpp"
@@ -67,17 +68,6 @@ void add_muscle(VoxelModel& model, const std::string& name, const Array<std::int
                            printed_passive});
 }
 
-template <class T>
-T pick(const char* option, const std::string& got,
-       std::initializer_list<std::pair<const char*, T>> known) {
-  std::string allowed;
-  for (const auto& [name, value] : known) {
-    if (got == name) return value;
-    allowed += (allowed.empty() ? "'" : ", '") + std::string(name) + "'";
-  }
-  throw InputError(std::string(option) + ": got '" + got + "', allowed are " + allowed);
-}
-
 std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const VoxelModel& model,
                                           const std::string& precision,
                                           const std::string& hourglass, double kappa,
@@ -86,19 +76,10 @@ std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const 
                                           int registers, const Conditions* conditions,
                                           const SlidingNodes* sliding) {
   SimulatorOptions options;
-  options.precision = pick<Precision>(
-      "precision", precision, {{"single", Precision::kSingle}, {"double", Precision::kDouble}});
-  options.hourglass = pick<HourglassForm>(
-      "hourglass", hourglass,
-      {{"physical", HourglassForm::kPhysical}, {"joldes", HourglassForm::kKappa}});
-  options.kernels = pick<KernelPath>("kernels", kernels,
-                                     {{"auto", KernelPath::kAuto},
-                                      {"rows", KernelPath::kRows},
-                                      {"gather", KernelPath::kGather},
-                                      {"tile", KernelPath::kTile}});
-  options.tile.width = tile[0];
-  options.tile.rows = tile[1];
-  options.tile.depth = tile[2];
+  options.precision = pick_precision(precision);
+  options.hourglass = pick_hourglass(hourglass);
+  options.kernels = pick_kernels(kernels);
+  options.tile = make_tile(tile);
   options.registers = registers;
   options.kappa = kappa;
   options.damping = damping;

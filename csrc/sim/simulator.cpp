@@ -5,6 +5,7 @@
 
 #include "core/error.hpp"
 #include "precompute/layout.hpp"
+#include "sim/kernel_choice.hpp"
 
 namespace tledface {
 namespace {
@@ -24,6 +25,13 @@ std::vector<T> narrowed(const std::vector<double>& values) {
 Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
                      const SimulatorOptions& options, Conditions conditions, SlidingNodes sliding)
     : device_(std::move(device)), model_(std::move(model)), options_(options) {
+  if (options_.kernels == KernelPath::kAuto)
+    if (const auto choice =
+            chosen_kernels(device_->info().id, options_.precision, options_.hourglass)) {
+      options_.kernels = choice->path;
+      options_.tile = choice->tile;
+      options_.registers = choice->registers;
+    }
   rows_ = options_.kernels == KernelPath::kRows ||
           (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
   if (options_.precision == Precision::kDouble && !device_->info().has_double)

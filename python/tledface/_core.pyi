@@ -282,6 +282,16 @@ class _RawState(TypedDict):
     limit_squares: NDArray[np.float64]
     limit_square: float
 
+def choose_kernels(
+    device: str,
+    precision: str,
+    hourglass: str,
+    *,
+    kernels: str,
+    tile: tuple[int, int, int] = (16, 8, 0),
+    registers: int = 0,
+) -> None: ...
+
 class Simulator:
     def __init__(
         self,

@@ -22,7 +22,7 @@ from tledface import _core
 from tledface._core_model import core_model
 from tledface.errors import InputError, SimulationError
 
-__all__ = ["Kernels", "cache_file", "fastest", "kernels_for"]
+__all__ = ["Kernels", "cache_file", "fastest", "tune"]
 
 _CELLS = (96, 96, 24)
 _WARM_UP, _ROUNDS, _STEPS = 10, 5, 20
@@ -36,7 +36,7 @@ class Kernels:
     Attributes
     ----------
     kernels : str
-        ``"rows"``, ``"gather"``, ``"tile"`` or ``"auto"``.
+        ``"gather"`` or ``"tile"``.
     tile : tuple of int
         Elements of a tile in x and y, and planes in z at most (0: by the device's units).
     registers : int
@@ -69,23 +69,15 @@ _CANDIDATES = (
 _chosen: dict[str, Kernels] = {}  # of this process
 
 
-def kernels_for(
-    device: _core.Device,
-    kernels: str,
-    *,
-    precision: str,
-    hourglass: str,
-    clock: Callable[[], float] = time.perf_counter,
-) -> Kernels:
-    """What ``kernels=`` means on a device; ``"auto"`` on a GPU is timed where no one knows yet.
+def tune(device: _core.Device, *, precision: str, hourglass: str) -> None:
+    """Make ``kernels="auto"`` on a GPU mean the fastest; other devices know their own.
 
     ``TLEDFACE_AUTOTUNE=0`` in the environment: nothing is timed or read, ``"auto"`` is gather.
     """
-    if kernels != "auto" or device.info.kind != "gpu":
-        return Kernels(kernels)
-    if os.environ.get("TLEDFACE_AUTOTUNE") == "0":
-        return Kernels("gather")
-    return fastest(device, precision=precision, hourglass=hourglass, clock=clock)
+    if device.info.kind != "gpu" or os.environ.get("TLEDFACE_AUTOTUNE") == "0":
+        return
+    chosen = fastest(device, precision=precision, hourglass=hourglass)
+    _core.choose_kernels(device.info.id, precision, hourglass, **asdict(chosen))
 
 
 def fastest(

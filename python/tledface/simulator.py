@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ from tledface import device as device_module
 from tledface._core_model import check_number, checked_field, core_model, core_sliding
 from tledface._results import Results
 from tledface._serial import serial
-from tledface.autotune import kernels_for
+from tledface.autotune import tune
 from tledface.conditions import Sampler, Values, prescribed_mask
 from tledface.energy import EnergyLedger, energy_interval, ledger_of
 from tledface.errors import InputError, SimulationError
@@ -116,7 +116,8 @@ class Simulator(Results):
         if self._energy_every is not None:
             self._options["energy_every"] = self._energy_every
         self._device = device_module.resolve(device)
-        chosen = kernels_for(self._device, kernels, precision=precision, hourglass=hourglass)
+        if kernels == "auto" and not model.is_conforming:
+            tune(self._device, precision=precision, hourglass=hourglass)
         density = model.element_parameters()["density"]
         self._schedules: list[Schedule] = [Constant(0.0) for _ in model.muscles]
         for relief in RELIEFS if isinstance(scaling, dict) else (1.0,):
@@ -133,7 +134,7 @@ class Simulator(Results):
                 hourglass=hourglass,
                 kappa=hourglass_kappa,
                 damping=damping,
-                **asdict(chosen),
+                kernels=kernels,
                 conditions=self._conditions.core,
                 sliding=core_sliding(model),
             )

@@ -8,8 +8,8 @@ import pytest
 
 import tledface as tf
 from conftest import unless_required
-from tledface import autotune
-from tledface.autotune import Kernels, fastest, kernels_for
+from tledface import _core, autotune
+from tledface.autotune import Kernels, fastest, tune
 from tledface.device import devices, resolve
 
 GATHER, TILE, WIDE = Kernels("gather"), Kernels("tile"), Kernels("tile", (16, 16, 0))
@@ -153,30 +153,49 @@ def test_a_real_clock_chooses_one_that_runs(opencl):
     assert {"gather", "tile 16x8", "tile 16x16"} <= set(times)
 
 
-def test_auto_is_timed_on_gpus_only(opencl, monkeypatch):
-    asked = []
-    monkeypatch.setattr(autotune, "fastest", lambda device, **_: asked.append(device) or WIDE)
-    kind = {"precision": "single", "hourglass": "physical"}
-    gpu = SimpleNamespace(info=SimpleNamespace(kind="gpu"))
-    cpu = SimpleNamespace(info=SimpleNamespace(kind="cpu"))
-    assert kernels_for(cpu, "auto", **kind) == Kernels("auto")
-    assert kernels_for(gpu, "gather", **kind) == GATHER
-    assert kernels_for(gpu, "tile", **kind) == TILE
-    assert not asked
-    assert kernels_for(gpu, "auto", **kind) == WIDE
+def test_auto_is_timed_on_gpus_only(monkeypatch):
+    asked, told = [], []
+    monkeypatch.setattr(autotune, "fastest", lambda device, **_: asked.append(device) or LIMITED)
+    monkeypatch.setattr(autotune._core, "choose_kernels", lambda *a, **k: told.append((*a, k)))
+    gpu = SimpleNamespace(info=SimpleNamespace(kind="gpu", id="opencl:7"))
+    cpu = SimpleNamespace(info=SimpleNamespace(kind="cpu", id="opencl:8"))
+    tune(cpu, precision="single", hourglass="joldes")
+    assert not asked and not told
+    tune(gpu, precision="single", hourglass="joldes")
     assert asked == [gpu]
+    kernels = {"kernels": "tile", "tile": (16, 8, 0), "registers": 96}
+    assert told == [("opencl:7", "single", "joldes", kernels)]
     monkeypatch.setenv("TLEDFACE_AUTOTUNE", "0")
-    assert kernels_for(gpu, "auto", **kind) == GATHER
-    assert asked == [gpu]
+    tune(gpu, precision="single", hourglass="joldes")
+    assert len(asked) == len(told) == 1
 
 
 def test_a_simulator_takes_what_was_chosen(opencl, monkeypatch):
     soft = tf.material("neo_hookean", youngs_modulus=5e4, poissons_ratio=0.4, density=1e3)
     model = tf.Model.block(cells=(8, 4, 4), size=(8e-3, 4e-3, 4e-3), material=soft)
-    monkeypatch.setattr("tledface.simulator.kernels_for", lambda *_, **__: WIDE)
-    sim = tf.Simulator(model, device=opencl)
-    assert sim._core.kernels == "tile"
-    # Its kernels are named in what a run says of itself, its option stays as given.
+
+    def tuned(device, *, precision, hourglass):
+        chosen = {"kernels": "tile", "tile": (16, 16, 0), "registers": 96}
+        _core.choose_kernels(device.info.id, precision, hourglass, **chosen)
+
+    monkeypatch.setattr("tledface.simulator.tune", tuned)
+    try:
+        sim = tf.Simulator(model, device=opencl)
+        assert sim._core.kernels == "tile"
+        # The choice is of one precision and form, and only for those who leave it open.
+        monkeypatch.setattr("tledface.simulator.tune", lambda *_, **__: None)
+        for options in ({"hourglass": "joldes"}, {"precision": "double"}, {"kernels": "gather"}):
+            other = tf.Simulator(model, device=opencl, **options)
+            assert other._core.kernels != "tile"
+        assert tf.Simulator(model, device="native")._core.kernels == "rows"
+    finally:
+        _core.choose_kernels(opencl.info.id, "single", "physical", kernels="auto")
+    assert tf.Simulator(model, device=opencl)._core.kernels != "tile"
     assert sim._options["kernels"] == "auto"
     sim.step(3)
     assert np.isfinite(sim.u).all()
+
+
+def test_no_such_kernels_are_not_chosen():
+    with pytest.raises(tf.InputError, match="kernels: got 'fast'"):
+        _core.choose_kernels("native", "single", "physical", kernels="fast")
