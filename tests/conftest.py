@@ -129,6 +129,15 @@ def executor(request):
     return request.param
 
 
+@pytest.fixture
+def opencl():
+    """The id of an OpenCL device, a GPU where there is one."""
+    found = [d for d in devices() if d.works and d.id.startswith("opencl")]
+    if not found:
+        unless_required("no OpenCL device works")
+    return min(found, key=lambda d: d.kind != "gpu").id
+
+
 @pytest.fixture(scope="session")
 def shared_data():
     """The folder of real anatomy, where this machine has it."""

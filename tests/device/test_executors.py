@@ -10,13 +10,12 @@ import pytest
 import tledface as tf
 from tledface import _core
 from tledface._core_model import core_model
-from tledface.device import devices, resolve
+from tledface.device import resolve
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "verification"))
 sys.path.insert(0, str(Path(__file__).parent))
 from everything import body_of_everything, contracted
 
-from conftest import unless_required
 from scenes import contracting_block, soft, sparse_model
 
 # Below the bound throughout, so that every run takes the same steps.
@@ -29,15 +28,6 @@ def run(model, steps, *, dt=DT, **options):
         sim.activate(muscle.name, tf.ramp(0, 0.75, 0.005))
     sim.step(steps)
     return sim.u
-
-
-@pytest.fixture
-def opencl():
-    """An OpenCL device."""
-    found = [d.id for d in devices() if d.works and d.id.startswith("opencl")]
-    if not found:
-        unless_required("no OpenCL device works")
-    return found[0]
 
 
 @pytest.fixture(scope="module")

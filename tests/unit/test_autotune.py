@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import tledface as tf
-from conftest import unless_required
 from tledface import _core, autotune
 from tledface.autotune import Kernels, fastest, tune
-from tledface.device import devices, resolve
+from tledface.device import resolve
 
 GATHER, TILE, WIDE = Kernels("gather"), Kernels("tile"), Kernels("tile", (16, 16, 0))
 LIMITED = Kernels("tile", registers=96)
@@ -19,11 +18,8 @@ OPTIONS = {"precision": "single", "hourglass": "physical", "cells": (8, 4, 4)}
 
 
 @pytest.fixture
-def opencl():
-    found = [d.id for d in devices() if d.works and d.id.startswith("opencl")]
-    if not found:
-        unless_required("no OpenCL device works")
-    return resolve(found[0])
+def device(opencl):
+    return resolve(opencl)
 
 
 @pytest.fixture(autouse=True)
@@ -60,31 +56,31 @@ def choose(device, clock, **options):
 
 
 @pytest.mark.parametrize("best", range(3))
-def test_the_fastest_is_chosen_and_kept(opencl, monkeypatch, best):
+def test_the_fastest_is_chosen_and_kept(device, monkeypatch, best):
     seconds = [3.0, 3.0, 3.0]
     seconds[best] = 2.0
-    assert choose(opencl, Clock(*seconds)) == CANDIDATES[best]
-    assert choose(opencl, no_clock) == CANDIDATES[best]  # in this process
+    assert choose(device, Clock(*seconds)) == CANDIDATES[best]
+    assert choose(device, no_clock) == CANDIDATES[best]  # in this process
     forget(monkeypatch)
-    assert choose(opencl, no_clock) == CANDIDATES[best]  # in the next
+    assert choose(device, no_clock) == CANDIDATES[best]  # in the next
     (key,) = kept = json.loads(autotune.cache_file().read_text())
-    for part in (opencl.info.name, opencl.info.driver, tf.__version__, "single", "physical"):
+    for part in (device.info.name, device.info.driver, tf.__version__, "single", "physical"):
         assert part in key
     assert kept[key]["chosen"] == str(CANDIDATES[best])
     assert kept[key]["ms_per_step"][str(CANDIDATES[best])] == 100.0  # of 20 steps
 
 
-def test_one_slow_turn_does_not_decide(opencl):
+def test_one_slow_turn_does_not_decide(device):
     # The first candidate stumbles in its first round; its best round is the best of all.
-    assert choose(opencl, Clock(9.0, 3.0, 3.0, *([2.0, 3.0, 3.0] * 4))) == GATHER
+    assert choose(device, Clock(9.0, 3.0, 3.0, *([2.0, 3.0, 3.0] * 4))) == GATHER
 
 
 @pytest.mark.parametrize("other", [{"precision": "double"}, {"hourglass": "joldes"}, {}])
-def test_each_kind_of_run_has_its_own(opencl, monkeypatch, other):
-    assert choose(opencl, Clock(1.0, 2.0, 2.0)) == GATHER
+def test_each_kind_of_run_has_its_own(device, monkeypatch, other):
+    assert choose(device, Clock(1.0, 2.0, 2.0)) == GATHER
     if not other:  # another version of tledface, then
         monkeypatch.setattr(autotune, "version", lambda _: "9.9")
-    assert choose(opencl, Clock(2.0, 1.0, 2.0), **other) == TILE
+    assert choose(device, Clock(2.0, 1.0, 2.0), **other) == TILE
     assert len(json.loads(autotune.cache_file().read_text())) == 2
 
 
@@ -102,50 +98,50 @@ def test_each_kind_of_run_has_its_own(opencl, monkeypatch, other):
         lambda text: json.dumps(dict.fromkeys(json.loads(text))),
     ],
 )
-def test_a_damaged_cache_is_begun_anew(opencl, monkeypatch, damage):
-    assert choose(opencl, Clock(1.0, 2.0, 2.0)) == GATHER
+def test_a_damaged_cache_is_begun_anew(device, monkeypatch, damage):
+    assert choose(device, Clock(1.0, 2.0, 2.0)) == GATHER
     path = autotune.cache_file()
     path.write_text(damage(path.read_text()))
     forget(monkeypatch)
-    assert choose(opencl, Clock(2.0, 1.0, 2.0)) == TILE
+    assert choose(device, Clock(2.0, 1.0, 2.0)) == TILE
     forget(monkeypatch)
-    assert choose(opencl, no_clock) == TILE
+    assert choose(device, no_clock) == TILE
 
 
-def test_a_cache_that_is_no_text_is_begun_anew(opencl):
+def test_a_cache_that_is_no_text_is_begun_anew(device):
     path = autotune.cache_file()
     path.parent.mkdir(parents=True)
     path.write_bytes(b"\xff\xfe\x00")
-    assert choose(opencl, Clock(2.0, 1.0, 2.0)) == TILE
+    assert choose(device, Clock(2.0, 1.0, 2.0)) == TILE
     assert json.loads(path.read_text())
 
 
-def test_no_room_for_a_cache_is_no_error(opencl, monkeypatch, tmp_path):
+def test_no_room_for_a_cache_is_no_error(device, monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", "/proc/nowhere"):
         monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
         forget(monkeypatch)
-        assert choose(opencl, Clock(2.0, 2.0, 1.0)) == WIDE
-        assert choose(opencl, no_clock) == WIDE
+        assert choose(device, Clock(2.0, 2.0, 1.0)) == WIDE
+        assert choose(device, no_clock) == WIDE
     assert (tmp_path / "file").read_text() == ""
 
 
-def test_what_the_device_cannot_do_is_left_out(opencl):
+def test_what_the_device_cannot_do_is_left_out(device):
     huge = Kernels("tile", (4096, 4096, 0))
     # Its time would win; two candidates are left, and the clock sees these only.
-    assert choose(opencl, Clock(2.0, 1.0), candidates=(huge, GATHER, TILE)) == TILE
-    if not opencl.info.limits_registers:
+    assert choose(device, Clock(2.0, 1.0), candidates=(huge, GATHER, TILE)) == TILE
+    if not device.info.limits_registers:
         options = {"hourglass": "joldes", "candidates": (LIMITED, GATHER, WIDE)}
-        assert choose(opencl, Clock(1.0, 2.0), **options) == GATHER
+        assert choose(device, Clock(1.0, 2.0), **options) == GATHER
 
 
-def test_nothing_runs(opencl):
-    assert choose(opencl, no_clock, candidates=(Kernels("tile", (1, 1, 0)),)) == GATHER
+def test_nothing_runs(device):
+    assert choose(device, no_clock, candidates=(Kernels("tile", (1, 1, 0)),)) == GATHER
     assert not autotune.cache_file().exists()
 
 
-def test_a_real_clock_chooses_one_that_runs(opencl):
-    chosen = fastest(opencl, **{**OPTIONS, "cells": (16, 16, 4)})
+def test_a_real_clock_chooses_one_that_runs(device):
+    chosen = fastest(device, **{**OPTIONS, "cells": (16, 16, 4)})
     kept = next(iter(json.loads(autotune.cache_file().read_text()).values()))
     assert kept["chosen"] == str(chosen)
     times = kept["ms_per_step"]
@@ -155,7 +151,7 @@ def test_a_real_clock_chooses_one_that_runs(opencl):
 
 def test_auto_is_timed_on_gpus_only(monkeypatch):
     asked, told = [], []
-    monkeypatch.setattr(autotune, "fastest", lambda device, **_: asked.append(device) or LIMITED)
+    monkeypatch.setattr(autotune, "fastest", lambda gpu, **_: asked.append(gpu) or LIMITED)
     monkeypatch.setattr(autotune._core, "choose_kernels", lambda *a, **k: told.append((*a, k)))
     gpu = SimpleNamespace(info=SimpleNamespace(kind="gpu", id="opencl:7"))
     cpu = SimpleNamespace(info=SimpleNamespace(kind="cpu", id="opencl:8"))
@@ -170,7 +166,7 @@ def test_auto_is_timed_on_gpus_only(monkeypatch):
     assert len(asked) == len(told) == 1
 
 
-def test_a_simulator_takes_what_was_chosen(opencl, monkeypatch):
+def test_a_simulator_takes_what_was_chosen(device, monkeypatch):
     soft = tf.material("neo_hookean", youngs_modulus=5e4, poissons_ratio=0.4, density=1e3)
     model = tf.Model.block(cells=(8, 4, 4), size=(8e-3, 4e-3, 4e-3), material=soft)
 
@@ -180,17 +176,17 @@ def test_a_simulator_takes_what_was_chosen(opencl, monkeypatch):
 
     monkeypatch.setattr("tledface.simulator.tune", tuned)
     try:
-        sim = tf.Simulator(model, device=opencl)
+        sim = tf.Simulator(model, device=device)
         assert sim._core.kernels == "tile"
         # The choice is of one precision and form, and only for those who leave it open.
         monkeypatch.setattr("tledface.simulator.tune", lambda *_, **__: None)
         for options in ({"hourglass": "joldes"}, {"precision": "double"}, {"kernels": "gather"}):
-            other = tf.Simulator(model, device=opencl, **options)
+            other = tf.Simulator(model, device=device, **options)
             assert other._core.kernels != "tile"
         assert tf.Simulator(model, device="native")._core.kernels == "rows"
     finally:
-        _core.choose_kernels(opencl.info.id, "single", "physical", kernels="auto")
-    assert tf.Simulator(model, device=opencl)._core.kernels != "tile"
+        _core.choose_kernels(device.info.id, "single", "physical", kernels="auto")
+    assert tf.Simulator(model, device=device)._core.kernels != "tile"
     assert sim._options["kernels"] == "auto"
     sim.step(3)
     assert np.isfinite(sim.u).all()
