@@ -88,10 +88,11 @@ fi
 "$python" -c 'import tledface' || { echo "gpu.sh: $python cannot import tledface" >&2; exit 1; }
 
 # -- the device ----------------------------------------------------------------------------------
-"$python" - "$which" > "$scratch/device.json" 2> "$scratch/reason" << 'END' || {
+"$python" - "$which" "$scratch/device.json" "$scratch/devices" << 'END'
 import json
 import sys
 from dataclasses import asdict
+from pathlib import Path
 
 from tledface import _core
 from tledface.device import devices
@@ -105,19 +106,18 @@ def suits(device):
     return wanted == device.id or wanted in f"{device.name} {device.platform}".lower()
 
 
-print(json.dumps(next((asdict(d) for d in listed if d.works and suits(d)), None)))
-print("OpenCL library that tledface uses:", _core.opencl_loader_report(), file=sys.stderr)
+lines = [f"OpenCL library that tledface uses: {_core.opencl_loader_report()}"]
 for d in listed:
     state = "works" if d.works else f"does not work: {d.reason}"
-    print(f"{d.id}: {d.name} ({d.kind}; {d.platform}, driver {d.driver}): {state}", file=sys.stderr)
+    lines.append(f"{d.id}: {d.name} ({d.kind}; {d.platform}, driver {d.driver}): {state}")
 if not listed:
-    print("OpenCL devices: none", file=sys.stderr)
+    lines.append("OpenCL devices: none")
+taken = next((asdict(d) for d in listed if d.works and suits(d)), None)
+Path(sys.argv[2]).write_text(json.dumps(taken))
+Path(sys.argv[3]).write_text("\n".join(lines) + "\n")
 END
-  cat "$scratch/reason" >&2
-  exit 1
-}
-cat "$scratch/reason" >> "$found"
-sed 's/^/gpu.sh: /' "$scratch/reason"
+cat "$scratch/devices" >> "$found"
+sed 's/^/gpu.sh: /' "$scratch/devices"
 if [[ $(cat "$scratch/device.json") == null ]]; then
   echo "gpu.sh: no ${which:-working GPU} among the OpenCL devices: nothing was measured. The lines" \
     "above are what was looked for and found; docs/how-to/devices.md says how OpenCL is had." >&2
@@ -145,7 +145,8 @@ fi
 
 # -- how fast ------------------------------------------------------------------------------------
 echo "gpu.sh: tledface bench ${options[*]} --device $id"
-"$python" -m tledface bench "${options[@]}" --device "$id" --json > "$scratch/bench.json"
+"$python" -c 'from tledface.cli import main; main()' bench "${options[@]}" --device "$id" --json \
+  > "$scratch/bench.json"
 slug=$(tr '[:upper:]' '[:lower:]' <<< "$name" | sed 's/[^a-z0-9]\+/-/g; s/^-//; s/-$//')
 mkdir -p "$output"
 file=$output/$slug-$(date -u +%F).json

@@ -69,9 +69,10 @@ struct ProgramOptions {
   Precision precision = Precision::kSingle;
   int lanes = 16;
   bool vector_rows = true;
-  bool laws = true;  // some block has law entries; false is for work-items of one lane
-  int registers =
-      0;  // of a work-item, at most; 0, or DeviceInfo::limits_registers false: as compiled
+  // False where no block has law entries, for work-items of one lane.
+  bool laws = true;
+  // Of a work-item, at most; 0, or where DeviceInfo::limits_registers is false: as compiled.
+  int registers = 0;
 };
 
 class Program {

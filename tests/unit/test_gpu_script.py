@@ -74,7 +74,9 @@ def test_figures_are_kept_in_one_file(opencl, tmp_path):
     package = tmp_path / "python"
     package.write_text(
         "#!/bin/sh\n"
-        'if [ "$2" = tledface ]; then shift 3; echo "{\\"given\\": \\"$*\\"}"; exit; fi\n'
+        # The program itself must be there; only its minutes of work are left out.
+        f'if [ "$3" = bench ]; then {sys.executable} -c "$2" bench --help > /dev/null || exit 1\n'
+        '  shift 3; echo "{\\"given\\": \\"$*\\"}"; exit; fi\n'
         f'exec {sys.executable} "$@"\n'
     )
     package.chmod(0o755)
