@@ -27,8 +27,7 @@ struct DeviceInfo {
   unsigned compute_units = 1;
   std::size_t memory_bytes = 0;
   bool limits_registers = false;  // ProgramOptions::registers is heeded
-  // Of a work-group; 0: there are none.
-  std::size_t local_bytes = 0, largest_group = 0;
+  std::size_t local_bytes = 0;    // of a work-group; 0: there are none
 };
 
 // Device memory. Offsets and sizes in bytes; all calls are ordered with the launches of its device.
@@ -57,6 +56,8 @@ class Kernel {
   virtual void set_arg(unsigned index, std::int32_t value) = 0;
   // Local memory of a work-group; only where DeviceInfo::local_bytes says that there is some.
   virtual void set_local(unsigned index, std::size_t bytes) = 0;
+  // Work-items of the largest group that it can run in; 0: it has none.
+  virtual std::size_t largest_group() const = 0;
   // Enqueues `n_items` work-items in order; returns at once where the device is asynchronous.
   // local_size 0 leaves the work-group size to the device; else n_items is rounded up to a multiple
   // of it (kernels check their range themselves).

@@ -25,9 +25,11 @@ std::vector<T> narrowed(const std::vector<double>& values) {
 Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
                      const SimulatorOptions& options, Conditions conditions, SlidingNodes sliding)
     : device_(std::move(device)), model_(std::move(model)), options_(options) {
+  bool chosen = false;
   if (options_.kernels == KernelPath::kAuto)
     if (const auto choice =
             chosen_kernels(device_->info().id, options_.precision, options_.hourglass)) {
+      chosen = true;
       options_.kernels = choice->path;
       options_.tile = choice->tile;
       options_.registers = choice->registers;
@@ -51,7 +53,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   arrays_ = make_solver_arrays(model_, precompute_);
   program.laws = rows_ || !arrays_.law_entries.empty();
   program_ = device_->build(program);
-  program.registers = options_.registers;
+  // Laws need the registers that a limit, chosen without them, would take.
+  program.registers = program.laws ? 0 : options_.registers;
   if (program.registers) path_program_ = device_->build(program);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions) +
@@ -85,8 +88,19 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   path.tile = options_.tile;
   path.n_bands = options_.n_bands;
   path.step_reals = step_reals_;
-  path_ = make_force_path(*device_, path_program_ ? *path_program_ : *program_, arrays_,
-                          solver_buffers(), path);
+  const auto make_path = [&] {
+    return make_force_path(*device_, path_program_ ? *path_program_ : *program_, arrays_,
+                           solver_buffers(), path);
+  };
+  try {
+    path_ = make_path();
+  } catch (const InputError&) {
+    if (!chosen || !path.tiles) throw;
+    // This model's kernels need more of a work-group than those that were measured.
+    options_.kernels = KernelPath::kGather;
+    path.tiles = false;
+    path_ = make_path();
+  }
   device_bytes_ += path_->bytes();
   conditions_ =
       std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,

@@ -21,25 +21,25 @@ class TilePath final : public ForcePath {
            const ForcePathOptions& options)
       : u_{b.u[0], b.u[1]}, group_(std::size_t(options.tile.width) * options.tile.rows) {
     const DeviceInfo& info = device.info();
+    const std::string name = "step_tile_" + form_of(options);
     TileShape shape = options.tile;
     shape.depth = tile_depth(arrays, shape, kTilesPerUnit * std::max(1u, info.compute_units));
-    const std::size_t local = 2 * group_ * TLED_TILE_HANDED * real_size(options.precision);
-    if (group_ > info.largest_group || local > info.local_bytes)
-      throw InputError("tile: " + std::to_string(options.tile.width) + " x " +
-                       std::to_string(options.tile.rows) + " needs work-groups of " +
-                       std::to_string(group_) + " with " + std::to_string(local) +
-                       " bytes of local memory; device '" + info.id + "' has at most " +
-                       std::to_string(info.largest_group) + " with " +
+    const std::size_t largest = binder.make(name, {}, {})->largest_group(),
+                      local = 2 * group_ * TLED_TILE_HANDED * real_size(options.precision);
+    if (group_ > largest || local > info.local_bytes)
+      throw InputError("tile: " + std::to_string(shape.width) + " x " + std::to_string(shape.rows) +
+                       " needs work-groups of " + std::to_string(group_) + " with " +
+                       std::to_string(local) + " bytes of local memory; device '" + info.id +
+                       "' has at most " + std::to_string(largest) + " with " +
                        std::to_string(info.local_bytes) +
-                       "; use a smaller tile or "
-                       "kernels='gather'");
+                       " for this model; use a smaller tile or kernels='gather'");
     const Tiles tiles = make_tiles(arrays, shape);
     n_items_ = tiles.size() * group_;
     tiles_ = binder.upload(tiles.tiles, bytes_);
     places_ = binder.upload(tiles.places, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
       step_[parity] = binder.make(
-          "step_tile_" + form_of(options),
+          name,
           {b.u[parity], b.u[1 - parity], tiles_.get(), places_.get(), b.blocks, b.materials,
            b.node_sets, b.law_entries, b.law_sets, b.history[parity], b.history[1 - parity],
            b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape, b.step_table},

@@ -192,6 +192,17 @@ def test_a_simulator_takes_what_was_chosen(device, monkeypatch):
     assert np.isfinite(sim.u).all()
 
 
+def test_a_chosen_tile_that_a_model_has_no_room_for_gives_way(opencl):
+    soft = tf.material("neo_hookean", youngs_modulus=5e4, poissons_ratio=0.4, density=1e3)
+    model = tf.Model.block(cells=(8, 4, 4), size=(8e-3, 4e-3, 4e-3), material=soft)
+    kind = (opencl, "single", "physical")
+    _core.choose_kernels(*kind, kernels="tile", tile=(4096, 4096, 0))
+    try:
+        assert tf.Simulator(model, device=opencl)._core.kernels == "gather"
+    finally:
+        _core.choose_kernels(*kind, kernels="auto")
+
+
 def test_no_such_kernels_are_not_chosen():
     with pytest.raises(tf.InputError, match="kernels: got 'fast'"):
         _core.choose_kernels("native", "single", "physical", kernels="fast")

@@ -40,7 +40,6 @@ constexpr Enum kPlatformVendor = 0x0903;
 
 constexpr Enum kDeviceType = 0x1000;
 constexpr Enum kDeviceMaxComputeUnits = 0x1002;
-constexpr Enum kDeviceMaxWorkGroupSize = 0x1004;
 constexpr Enum kDeviceMaxMemoryAllocation = 0x1010;
 constexpr Enum kDeviceGlobalMemorySize = 0x101F;
 constexpr Enum kDeviceLocalMemorySize = 0x1023;
@@ -53,6 +52,7 @@ constexpr Enum kDeviceDoubleConfig = 0x1032;
 constexpr Enum kDeviceNativeVectorWidthFloat = 0x103A;
 
 constexpr Enum kProgramBuildLog = 0x1183;
+constexpr Enum kKernelWorkGroupSize = 0x11B0;
 
 // X(name without "cl", return type, argument types)
 #define TLEDFACE_CL_ENTRY_POINTS(X)                                                              \
@@ -85,6 +85,7 @@ constexpr Enum kProgramBuildLog = 0x1183;
   X(CreateKernel, KernelId, (ProgramId, const char*, Int*))                                      \
   X(ReleaseKernel, Int, (KernelId))                                                              \
   X(SetKernelArg, Int, (KernelId, UInt, std::size_t, const void*))                               \
+  X(GetKernelWorkGroupInfo, Int, (KernelId, DeviceId, Enum, std::size_t, void*, std::size_t*))   \
   X(EnqueueNDRangeKernel, Int,                                                                   \
     (Queue, KernelId, UInt, const std::size_t*, const std::size_t*, const std::size_t*, UInt,    \
      const Event*, Event*))                                                                      \

@@ -302,6 +302,15 @@ class OpenClKernel final : public Kernel {
 
   void set_local(unsigned index, std::size_t bytes) override { set(index, bytes, nullptr); }
 
+  std::size_t largest_group() const override {
+    std::size_t size = 0;
+    queue_->check(
+        queue_->api.GetKernelWorkGroupInfo(handle_, queue_->context.device,
+                                           cl::kKernelWorkGroupSize, sizeof size, &size, nullptr),
+        "clGetKernelWorkGroupInfo " + name_);
+    return size;
+  }
+
   void enqueue(std::size_t n_items, std::size_t local_size) override {
     if (n_items == 0) return;
     if (local_size > 0) n_items = (n_items + local_size - 1) / local_size * local_size;
@@ -398,7 +407,6 @@ DeviceInfo describe_opencl_device(const cl::Api& api, cl::Platform platform, cl:
       query_text(api.GetDeviceInfo, handle, cl::kDeviceExtensions).find("cl_nv_compiler_options") !=
       std::string::npos;
   info.local_bytes = query_value<std::uint64_t>(api, handle, cl::kDeviceLocalMemorySize);
-  info.largest_group = query_value<std::size_t>(api, handle, cl::kDeviceMaxWorkGroupSize);
   if (!query_value<cl::Bool>(api, handle, cl::kDeviceAvailable))
     info.reason = "the driver says it is not available";
   else if (!query_value<cl::Bool>(api, handle, cl::kDeviceCompilerAvailable))
