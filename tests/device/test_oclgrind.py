@@ -1,5 +1,6 @@
 """The kernels of GPUs under Oclgrind, which sees races and accesses out of bounds."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -27,38 +28,63 @@ def oclgrind():
     return found[0]
 
 
+# A simulator that leaves its kernels open, as on any GPU; smaller than what is timed on one.
+AUTO = """
+import functools
+import tledface as tf
+from tledface import autotune
+
+autotune._WARM_UP = autotune._ROUNDS = 1
+autotune._STEPS = 2
+autotune.fastest = functools.partial(autotune.fastest, cells=(4, 4, 2))
+soft = tf.material("neo_hookean", youngs_modulus=5e4, poissons_ratio=0.4, density=1e3)
+model = tf.Model.block(cells=(4, 4, 2), size=(4e-3, 4e-3, 2e-3), material=soft)
+sim = tf.Simulator(model)
+sim.step(2)
+print(sim._device.info.kind, sim._core.kernels, abs(sim.u).max() == 0)
+"""
+
+
+def run(oclgrind, *arguments, **environment):
+    """Output of a Python program whose OpenCL library is Oclgrind."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        env={**os.environ, "TLEDFACE_OPENCL_LIBRARY": str(oclgrind), **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
 def complaints(oclgrind, log, *arguments, **environment):
     """What Oclgrind says of some steps."""
     settings = {
-        "TLEDFACE_OPENCL_LIBRARY": str(oclgrind),
         "OCLGRIND_DATA_RACES": "1",
         "OCLGRIND_CHECK_API": "1",
         "OCLGRIND_MAX_ERRORS": "100",
         "OCLGRIND_LOG": str(log),
     }
-    done = subprocess.run(
-        [sys.executable, EVERYTHING, *arguments],
-        env={**os.environ, **settings, **environment},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split()[:3] == ["Oclgrind", "Simulator", arguments[0]]
+    said = run(oclgrind, EVERYTHING, *arguments, **{**settings, **environment})
+    assert said[:3] == ["Oclgrind", "Simulator", arguments[0]]
     if "TLEDFACE_KERNELS" not in environment:
-        assert done.stdout.split()[3:] == ["True", "True"]
+        assert said[3:] == ["True", "True"]
     return log.read_text() if log.exists() else ""
 
 
-@pytest.mark.parametrize("laws", ["laws", "no laws"])
-@pytest.mark.parametrize("hourglass", ["physical", "joldes"])
-@pytest.mark.parametrize("kernels", ["tile", "gather"])
-def test_no_race_and_no_invalid_access(oclgrind, tmp_path, kernels, hourglass, laws):
-    assert complaints(oclgrind, tmp_path / "log", kernels, "single", hourglass, laws) == ""
-
-
-def test_no_race_in_double(oclgrind, tmp_path):
-    assert complaints(oclgrind, tmp_path / "log", "tile", "double", "physical", "laws") == ""
+@pytest.mark.parametrize(
+    ("kernels", "precision", "hourglass", "laws"),
+    [
+        ("tile", "single", "physical", "laws"),
+        ("tile", "single", "joldes", "no laws"),
+        ("tile", "double", "physical", "no laws"),
+        ("gather", "single", "physical", "laws"),
+        ("gather", "single", "joldes", "no laws"),
+    ],
+)
+def test_no_race_and_no_invalid_access(oclgrind, tmp_path, kernels, precision, hourglass, laws):
+    assert complaints(oclgrind, tmp_path / "log", kernels, precision, hourglass, laws) == ""
 
 
 @pytest.mark.parametrize(
@@ -85,3 +111,20 @@ def test_what_is_wrong_is_seen(oclgrind, tmp_path, text, instead, what):
         TLEDFACE_KERNELS=str(folder),
     )
     assert what in said
+
+
+def test_a_gpu_chooses_its_kernels(oclgrind, tmp_path):
+    """Oclgrind is a GPU to those who ask: the first simulator times, the next remembers."""
+    cache = tmp_path / "tledface" / "kernels.json"
+    kind, kernels, at_rest = run(oclgrind, "-c", AUTO, XDG_CACHE_HOME=str(tmp_path))
+    assert kind == "gpu" and at_rest == "True"
+    (entry,) = json.loads(cache.read_text()).values()
+    assert entry["chosen"].startswith(kernels)
+    assert set(entry["ms_per_step"]) == {"gather", "tile 16x8", "tile 16x16"}
+    for other in ("gather", "tile 16x8"):
+        entry["chosen"] = other
+        cache.write_text(json.dumps({key: entry for key in json.loads(cache.read_text())}))
+        _, kernels, _ = run(oclgrind, "-c", AUTO, XDG_CACHE_HOME=str(tmp_path))
+        assert kernels == other.split()[0]
+    _, kernels, _ = run(oclgrind, "-c", AUTO, XDG_CACHE_HOME=str(tmp_path), TLEDFACE_AUTOTUNE="0")
+    assert kernels == "gather"
