@@ -155,7 +155,6 @@ Tiles make_tiles(const SolverArrays& arrays, const TileShape& shape) {
     result.tiles.insert(result.tiles.end(), {static_cast<std::int32_t>(n_places), tile.n_planes,
                                              first % lanes, first / lanes - 1});
     n_places += (tile.n_planes + 2) * plane_places;
-    result.n_elements += std::size_t(tile.n_planes + 1) * shape.width * shape.rows;
   }
   if (n_places > std::numeric_limits<std::int32_t>::max())
     throw InputError("tile: the model has more places than tiles can index; use kernels='gather'");

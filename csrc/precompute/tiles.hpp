@@ -16,7 +16,6 @@ struct TileShape {
 // The arrays `tiles` and `places` of kernels_cl/layout.cl.
 struct Tiles {
   std::vector<std::int32_t> tiles, places;
-  std::size_t n_elements = 0;  // computed a step, those of several tiles as often, and empty ones
   std::size_t size() const;
 };
 
