@@ -75,7 +75,8 @@ def test_figures_are_kept_in_one_file(opencl, tmp_path):
     package.write_text(
         "#!/bin/sh\n"
         # The program itself must be there; only its minutes of work are left out.
-        f'if [ "$3" = bench ]; then {sys.executable} -c "$2" bench --device native --help > /dev/null || exit 1\n'
+        'if [ "$3" = bench ]; then\n'
+        f'  {sys.executable} -c "$2" bench --device native --help > /dev/null || exit 1\n'
         '  shift 3; echo "{\\"given\\": \\"$*\\"}"; exit; fi\n'
         f'exec {sys.executable} "$@"\n'
     )
