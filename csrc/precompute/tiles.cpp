@@ -111,7 +111,7 @@ std::vector<Tile> band(const SolverArrays& arrays, const Rows& rows,
 
 }  // namespace
 
-int tile_depth(const SolverArrays& arrays, const TileShape& shape, std::size_t n_tiles) {
+int tile_depth(const SolverArrays& arrays, const TileShape& shape, std::size_t n_items) {
   if (shape.width < 2 || shape.rows < 2 || shape.depth < 0 || shape.width > kMostElements ||
       shape.rows > kMostElements)
     throw InputError("tile: got " + std::to_string(shape.width) + " x " +
@@ -119,7 +119,9 @@ int tile_depth(const SolverArrays& arrays, const TileShape& shape, std::size_t n
                      " planes; allowed are 2 x 2 to " + std::to_string(kMostElements) + " x " +
                      std::to_string(kMostElements) + ", and 0 (chosen) or more");
   if (shape.depth) return shape.depth;
-  const std::size_t columns = std::size_t(shape.width - 1) * (shape.rows - 1),
+  const std::size_t n_tiles =
+                        std::max<std::size_t>(1, n_items / (std::size_t(shape.width) * shape.rows)),
+                    columns = std::size_t(shape.width - 1) * (shape.rows - 1),
                     planes = std::size_t(arrays.n_blocks) * arrays.lanes / columns;
   return static_cast<int>(std::clamp(planes / n_tiles, kLeastDepth, kMostDepth));
 }

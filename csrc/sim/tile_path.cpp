@@ -12,8 +12,9 @@ namespace {
 
 // Where the kernel takes what changes.
 constexpr unsigned kBlocks = 4, kNodeSets = 6, kHanded = 16, kStepIndex = 19, kIntegrates = 21;
-// Tiles a compute unit: enough that the last to finish leave few units idle.
-constexpr std::size_t kTilesPerUnit = 8;
+// Work-items a compute unit, in tiles: two to five times as many as run at a time, so that the last
+// tiles to finish leave few units idle.
+constexpr std::size_t kItemsPerUnit = 1024;
 
 class TilePath final : public ForcePath {
  public:
@@ -23,7 +24,7 @@ class TilePath final : public ForcePath {
     const DeviceInfo& info = device.info();
     const std::string name = "step_tile_" + form_of(options);
     TileShape shape = options.tile;
-    shape.depth = tile_depth(arrays, shape, kTilesPerUnit * std::max(1u, info.compute_units));
+    shape.depth = tile_depth(arrays, shape, kItemsPerUnit * std::max(1u, info.compute_units));
     const std::size_t largest = binder.make(name, {}, {})->largest_group(),
                       local = 2 * group_ * TLED_TILE_HANDED * real_size(options.precision);
     if (group_ > largest || local > info.local_bytes)
