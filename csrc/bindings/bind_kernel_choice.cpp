@@ -21,6 +21,6 @@ void define_kernel_choice(py::module_& module) {
         choose_kernels(device, pick_precision(precision), pick_hourglass(hourglass), choice);
       },
       py::arg("device"), py::arg("precision"), py::arg("hourglass"), py::kw_only(),
-      py::arg("kernels"), py::arg("tile") = std::array<int, 3>{16, 8, 0}, py::arg("registers") = 0,
+      py::arg("kernels"), py::arg("tile") = py::make_tuple(16, 8, 0), py::arg("registers") = 0,
       "What kernels='auto' means on a device from now on; 'auto': its own preference.");
 }

@@ -276,7 +276,7 @@ void define_simulator(py::module_& module) {
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
            py::arg("precision"), py::arg("hourglass"), py::arg("kappa"), py::arg("damping"),
            py::arg("kernels") = "auto", py::arg("n_bands") = 0,
-           py::arg("tile") = std::array<int, 3>{16, 8, 0}, py::arg("registers") = 0,
+           py::arg("tile") = py::make_tuple(16, 8, 0), py::arg("registers") = 0,
            py::arg("conditions") = py::none(), py::arg("sliding") = py::none())
       .def(
           "step",
