@@ -144,7 +144,7 @@ INLINE Tensor scaled_stress(ElementTables t, Kinematics k, __global const real* 
                             __global const int* links, int lane, int store) {
   Tensor P;
   const realv volumetric = volumetric_stress(parameters, k);
-  if (links[BLOCK_LAW_BEGIN] == links[BLOCK_LAW_END]) {
+  if (!TLED_LAWS || links[BLOCK_LAW_BEGIN] == links[BLOCK_LAW_END]) {
     const IsotropicStress s =
         isochoric_neo_hookean(load_lanes(parameters + MATERIAL_MU * TLED_LANES), k);
     const realv along_cof = s.along_cof + volumetric;

@@ -37,35 +37,8 @@ INLINE void element_forces_item(ElementTables t, __global const real* u,
         }
     for (int i = 0; i < 8; ++i) modes[c][i] = v[i];
   }
-  ElementModes m;
-  m.linear.xx = modes[0][1];
-  m.linear.xy = modes[0][2];
-  m.linear.xz = modes[0][4];
-  m.linear.yx = modes[1][1];
-  m.linear.yy = modes[1][2];
-  m.linear.yz = modes[1][4];
-  m.linear.zx = modes[2][1];
-  m.linear.zy = modes[2][2];
-  m.linear.zz = modes[2][4];
-  m.hourglass.xy.x = modes[0][3];
-  m.hourglass.xy.y = modes[1][3];
-  m.hourglass.xy.z = modes[2][3];
-  m.hourglass.zx.x = modes[0][5];
-  m.hourglass.zx.y = modes[1][5];
-  m.hourglass.zx.z = modes[2][5];
-  m.hourglass.yz.x = modes[0][6];
-  m.hourglass.yz.y = modes[1][6];
-  m.hourglass.yz.z = modes[2][6];
-  m.hourglass.xyz.x = modes[0][7];
-  m.hourglass.xyz.y = modes[1][7];
-  m.hourglass.xyz.z = modes[2][7];
-  const ElementModes f = compute_element_modes(t, m, block, lane, store, physical);
-  const real forces[3][8] = {{R(0.0), f.linear.xx, f.linear.xy, f.hourglass.xy.x, f.linear.xz,
-                              f.hourglass.zx.x, f.hourglass.yz.x, f.hourglass.xyz.x},
-                             {R(0.0), f.linear.yx, f.linear.yy, f.hourglass.xy.y, f.linear.yz,
-                              f.hourglass.zx.y, f.hourglass.yz.y, f.hourglass.xyz.y},
-                             {R(0.0), f.linear.zx, f.linear.zy, f.hourglass.xy.z, f.linear.zz,
-                              f.hourglass.zx.z, f.hourglass.yz.z, f.hourglass.xyz.z}};
+  real forces[3][8];
+  modes_as_arrays(compute_element_modes(t, named_modes(modes), block, lane, store, physical), forces);
   for (int c = 0; c < 3; ++c) {
     real v[8];
     for (int i = 0; i < 8; ++i) v[i] = forces[c][i];

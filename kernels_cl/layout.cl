@@ -91,6 +91,20 @@
 // corners at low x (lane l: the node of lane l), then by those at high x (the node of lane l + 1).
 #define SCRATCH_ROWS 6
 
+// Tiles of node columns that a work-group walks (tile.cl). tiles[TLED_TILE_INTS * tile + ...]; its
+// places are, of each plane from the one below its first node to the one above its last, of each
+// row from that of its first elements to the one behind its last, the blocks of
+// TLED_TILE_BLOCKS chunks in x; the empty block where there is none.
+#define TLED_TILE_INTS 4
+#define TILE_PLACES 0  // first of its places
+#define TILE_PLANES 1  // of nodes
+#define TILE_LANE 2    // of its first elements, in the first of the chunks
+#define TILE_CHUNK 3   // the first of the chunks; -1 where its first elements are before all nodes
+#define TLED_TILE_BLOCKS(width, lanes) (((width) + (lanes) - 1) / (lanes) + 1)
+
+// Reals that a work-item of tile.cl hands to others: forces on three corners.
+#define TLED_TILE_HANDED 9
+
 // state[(block TLED_STATE_ROWS + row) TLED_LANES + lane]: what element_state writes (state.cl).
 #define TLED_STATE_ROWS 17
 #define STATE_F 0           // nine: xx xy xz yx yy yz zx zy zz

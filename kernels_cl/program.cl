@@ -3,7 +3,11 @@
 //
 // Defined by whoever compiles: TLED_OPENCL (0: C++ through the shim), TLED_LANES (nodes a block),
 // TLED_VECTOR_ROWS (1: realv is a vector of a block's lanes, 0: one real, a work-item a lane),
-// TLED_DOUBLE.
+// TLED_DOUBLE, and by the OpenCL backend TLED_LAWS (0: no block has law entries; GPUs then need not
+// keep registers for the laws).
+#ifndef TLED_LAWS
+#define TLED_LAWS 1
+#endif
 #include "dialect.cl"
 #include "elementary.cl"
 #include "tensor.cl"
@@ -19,7 +23,9 @@
 #include "row_element.cl"
 #include "rows.cl"
 #else
+#include "corner_modes.cl"
 #include "gather.cl"
+#include "tile.cl"
 #endif
 #include "hexahedra.cl"
 #if TLED_VECTOR_ROWS

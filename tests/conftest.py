@@ -35,6 +35,7 @@ def _executors():
             if device.kind == "cpu":
                 found.append(Executor(device.id, "rows"))
             found.append(Executor(device.id, "gather"))
+            found.append(Executor(device.id, "tile"))
     return found
 
 
@@ -126,6 +127,15 @@ def pytest_sessionstart(session):
 def executor(request):
     """Every executor that works on this machine."""
     return request.param
+
+
+@pytest.fixture
+def opencl():
+    """The id of an OpenCL device, a GPU where there is one."""
+    found = [d for d in devices() if d.works and d.id.startswith("opencl")]
+    if not found:
+        unless_required("no OpenCL device works")
+    return min(found, key=lambda d: d.kind != "gpu").id
 
 
 @pytest.fixture(scope="session")

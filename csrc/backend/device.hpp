@@ -26,6 +26,8 @@ struct DeviceInfo {
   bool has_double = false;
   unsigned compute_units = 1;
   std::size_t memory_bytes = 0;
+  bool limits_registers = false;  // ProgramOptions::registers is heeded
+  std::size_t local_bytes = 0;    // of a work-group; 0: there are none
 };
 
 // Device memory. Offsets and sizes in bytes; all calls are ordered with the launches of its device.
@@ -34,7 +36,9 @@ class Buffer {
   virtual ~Buffer() = default;
   virtual std::size_t bytes() const = 0;
   virtual void write(const void* source, std::size_t bytes,
-                     std::size_t offset = 0) = 0;                                        // blocking
+                     std::size_t offset = 0) = 0;  // blocking
+  // The same without waiting for what was enqueued before; the source is copied first.
+  virtual void write_later(const void* source, std::size_t bytes) { write(source, bytes); }
   virtual void read(void* target, std::size_t bytes, std::size_t offset = 0) const = 0;  // blocking
   // The memory itself where the host can use it as it is (native), else null.
   virtual void* host_pointer() const { return nullptr; }
@@ -43,12 +47,17 @@ class Buffer {
 };
 
 // A kernel with its arguments bound; bind again to change one. Arguments are buffers and 32-bit
-// integers only: real numbers travel in buffers, so that no argument changes size with precision.
+// integers only (and local memory): real numbers travel in buffers, so that no argument changes
+// size with precision.
 class Kernel {
  public:
   virtual ~Kernel() = default;
   virtual void set_arg(unsigned index, const Buffer& buffer) = 0;
   virtual void set_arg(unsigned index, std::int32_t value) = 0;
+  // Local memory of a work-group; only where DeviceInfo::local_bytes says that there is some.
+  virtual void set_local(unsigned index, std::size_t bytes) = 0;
+  // Work-items of the largest group that it can run in; 0: it has none.
+  virtual std::size_t largest_group() const = 0;
   // Enqueues `n_items` work-items in order; returns at once where the device is asynchronous.
   // local_size 0 leaves the work-group size to the device; else n_items is rounded up to a multiple
   // of it (kernels check their range themselves).
@@ -61,6 +70,10 @@ struct ProgramOptions {
   Precision precision = Precision::kSingle;
   int lanes = 16;
   bool vector_rows = true;
+  // False where no block has law entries, for work-items of one lane.
+  bool laws = true;
+  // Of a work-item, at most; 0, or where DeviceInfo::limits_registers is false: as compiled.
+  int registers = 0;
 };
 
 class Program {
@@ -81,6 +94,8 @@ class Device {
   virtual std::unique_ptr<Buffer> allocate(std::size_t bytes) = 0;
   virtual std::unique_ptr<Program> build(const ProgramOptions& options) = 0;
   virtual void finish() = 0;
+  // Makes sure that what was enqueued begins.
+  virtual void flush() {}
 };
 
 // Native executor; always there.

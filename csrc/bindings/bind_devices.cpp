@@ -106,6 +106,7 @@ void define_devices(py::module_& module) {
       .def_readonly("works", &DeviceInfo::works)
       .def_readonly("reason", &DeviceInfo::reason)
       .def_readonly("has_double", &DeviceInfo::has_double)
+      .def_readonly("limits_registers", &DeviceInfo::limits_registers)
       .def_readonly("compute_units", &DeviceInfo::compute_units)
       .def_readonly("memory_bytes", &DeviceInfo::memory_bytes)
       .def("__repr__", &repr);

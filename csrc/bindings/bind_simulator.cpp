@@ -5,6 +5,7 @@
 
 #include <optional>
 
+#include "bindings/options.hpp"
 #include "core/bandwidth.hpp"
 #include "core/error.hpp"
 #include "precompute/law_table.hpp"
@@ -67,32 +68,19 @@ void add_muscle(VoxelModel& model, const std::string& name, const Array<std::int
                            printed_passive});
 }
 
-template <class T>
-T pick(const char* option, const std::string& got,
-       std::initializer_list<std::pair<const char*, T>> known) {
-  std::string allowed;
-  for (const auto& [name, value] : known) {
-    if (got == name) return value;
-    allowed += (allowed.empty() ? "'" : ", '") + std::string(name) + "'";
-  }
-  throw InputError(std::string(option) + ": got '" + got + "', allowed are " + allowed);
-}
-
 std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const VoxelModel& model,
                                           const std::string& precision,
                                           const std::string& hourglass, double kappa,
                                           double damping, const std::string& kernels,
-                                          std::size_t n_bands, const Conditions* conditions,
+                                          std::size_t n_bands, std::array<int, 3> tile,
+                                          int registers, const Conditions* conditions,
                                           const SlidingNodes* sliding) {
   SimulatorOptions options;
-  options.precision = pick<Precision>(
-      "precision", precision, {{"single", Precision::kSingle}, {"double", Precision::kDouble}});
-  options.hourglass = pick<HourglassForm>(
-      "hourglass", hourglass,
-      {{"physical", HourglassForm::kPhysical}, {"joldes", HourglassForm::kKappa}});
-  options.kernels = pick<KernelPath>(
-      "kernels", kernels,
-      {{"auto", KernelPath::kAuto}, {"rows", KernelPath::kRows}, {"gather", KernelPath::kGather}});
+  options.precision = pick_precision(precision);
+  options.hourglass = pick_hourglass(hourglass);
+  options.kernels = pick_kernels(kernels);
+  options.tile = make_tile(tile);
+  options.registers = registers;
   options.kappa = kappa;
   options.damping = damping;
   options.n_bands = n_bands;
@@ -287,8 +275,9 @@ void define_simulator(py::module_& module) {
   py::class_<Simulator>(module, "Simulator", "The step loop on one device; see tledface.Simulator.")
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
            py::arg("precision"), py::arg("hourglass"), py::arg("kappa"), py::arg("damping"),
-           py::arg("kernels") = "auto", py::arg("n_bands") = 0, py::arg("conditions") = py::none(),
-           py::arg("sliding") = py::none())
+           py::arg("kernels") = "auto", py::arg("n_bands") = 0,
+           py::arg("tile") = py::make_tuple(16, 8, 0), py::arg("registers") = 0,
+           py::arg("conditions") = py::none(), py::arg("sliding") = py::none())
       .def(
           "step",
           [](Simulator& sim, std::size_t n, const Array<double>& activations,
@@ -375,6 +364,7 @@ void define_simulator(py::module_& module) {
       .def("time_after", &Simulator::time_after, py::arg("steps"))
       .def_property_readonly("n_steps", &Simulator::n_steps)
       .def_property_readonly("uses_rows", &Simulator::uses_rows)
+      .def_property_readonly("kernels", &Simulator::kernels)
       .def_property_readonly("fill", [](const Simulator& sim) { return sim.arrays().fill(); })
       .def_property_readonly("device_bytes", &Simulator::device_bytes)
       .def_property_readonly("lanes", [](const Simulator& sim) { return sim.arrays().lanes; })

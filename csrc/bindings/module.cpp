@@ -9,6 +9,7 @@ void define_geometry(py::module_& module);
 void define_model(py::module_& module);
 void define_fibres(py::module_& module);
 void define_devices(py::module_& module);
+void define_kernel_choice(py::module_& module);
 void define_simulator(py::module_& module);
 
 PYBIND11_MODULE(_core, module) {
@@ -19,5 +20,6 @@ PYBIND11_MODULE(_core, module) {
   define_model(module);
   define_fibres(module);
   define_devices(module);
+  define_kernel_choice(module);
   define_simulator(module);
 }

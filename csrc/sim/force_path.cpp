@@ -1,10 +1,11 @@
 #include "sim/force_path.hpp"
 
-#include <initializer_list>
 #include <string>
 #include <vector>
 
 #include "precompute/layout.hpp"
+#include "sim/kernel_binder.hpp"
+#include "sim/tile_path.hpp"
 
 namespace tledface {
 namespace {
@@ -17,48 +18,6 @@ constexpr unsigned kElementsStore = 16, kHexStore = 18;  // 1: the history of la
 constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kNodesBlocks = 3, kNodesNodeSets = 4;
 // Work-items a group of the gather kernels: four blocks of 16 lanes.
 constexpr std::size_t kGroup = 64;
-
-class Binder {
- public:
-  Binder(Device& device, Program& program) : device_(device), program_(program) {}
-
-  std::unique_ptr<Kernel> make(const std::string& name,
-                               std::initializer_list<const Buffer*> buffers,
-                               std::initializer_list<std::int32_t> integers) const {
-    auto kernel = program_.kernel(name);
-    unsigned index = 0;
-    for (const Buffer* buffer : buffers) kernel->set_arg(index++, *buffer);
-    for (const std::int32_t value : integers) kernel->set_arg(index++, value);
-    return kernel;
-  }
-
-  std::unique_ptr<Buffer> allocate(std::size_t bytes, std::size_t& total) const {
-    total += bytes;
-    return device_.allocate(bytes);
-  }
-
-  std::unique_ptr<Buffer> upload(const std::vector<std::int32_t>& values,
-                                 std::size_t& total) const {
-    auto buffer = allocate(values.size() * sizeof(std::int32_t), total);
-    buffer->write(values.data(), values.size() * sizeof(std::int32_t));
-    return buffer;
-  }
-
- private:
-  Device& device_;
-  Program& program_;
-};
-
-std::string form_of(const ForcePathOptions& options) {
-  return options.hourglass == HourglassForm::kPhysical ? "physical" : "kappa";
-}
-
-// Voxels with equal sides, which most models have, need fewer operations.
-std::string step_form(const SolverArrays& arrays, const ForcePathOptions& options) {
-  const double* side = &arrays.shape[SHAPE_GRADIENT];
-  const bool cubes = side[0] == side[1] && side[1] == side[2];
-  return options.hourglass == HourglassForm::kPhysical && cubes ? "cubes" : form_of(options);
-}
 
 class RowsPath final : public ForcePath {
  public:
@@ -233,6 +192,7 @@ std::unique_ptr<ForcePath> make_force_path(Device& device, Program& program,
   if (!arrays.hex_nodes.empty())
     return std::make_unique<HexahedraPath>(binder, arrays, buffers, options);
   if (options.rows) return std::make_unique<RowsPath>(device, binder, arrays, buffers, options);
+  if (options.tiles) return make_tile_path(device, binder, arrays, buffers, options);
   return std::make_unique<GatherPath>(binder, arrays, buffers, options);
 }
 

@@ -1,16 +1,17 @@
-// How one step is computed: which kernels give element forces and move the nodes. Three ways, see
-// kernels_cl/rows.cl (CPUs), gather.cl (GPUs) and hexahedra.cl (conforming meshes anywhere). What
-// acts on single nodes comes after them (nodal_conditions.hpp).
+// How one step is computed: which kernels give element forces and move the nodes. Four ways, see
+// kernels_cl/rows.cl (CPUs), tile.cl and gather.cl (GPUs), hexahedra.cl (conforming meshes
+// anywhere). What acts on single nodes comes after them (nodal_conditions.hpp).
 #pragma once
 #include <cstdint>
 #include <memory>
 
 #include "backend/device.hpp"
 #include "precompute/solver_arrays.hpp"
+#include "precompute/tiles.hpp"
 
 namespace tledface {
 
-enum class KernelPath { kAuto, kRows, kGather };
+enum class KernelPath { kAuto, kRows, kGather, kTile };
 
 // Device arrays that all ways read; state and histories of laws are read and written in turns.
 struct SolverBuffers {
@@ -22,7 +23,9 @@ struct SolverBuffers {
 struct ForcePathOptions {
   Precision precision = Precision::kSingle;
   HourglassForm hourglass = HourglassForm::kPhysical;
-  bool rows = true;         // of voxels: rows rather than gather
+  bool rows = true;    // of voxels: rows rather than gather or tile
+  bool tiles = false;  // of voxels without rows: tile rather than gather
+  TileShape tile;
   std::size_t n_bands = 0;  // of rows; 0: by the device's compute units
   std::int32_t step_reals = 0;
 };

@@ -207,10 +207,10 @@ void NodalConditions::write_keys(const double* keys, std::size_t count) {
     throw InputError("conditions: " + std::to_string(count) +
                      " keys are more than there is room for");
   if (precision_ == Precision::kDouble) {
-    keys_->write(keys, bytes);
+    keys_->write_later(keys, bytes);
   } else {
     const std::vector<float> narrow(keys, keys + values);
-    keys_->write(narrow.data(), bytes);
+    keys_->write_later(narrow.data(), bytes);
   }
 }
 

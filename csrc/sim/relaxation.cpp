@@ -164,7 +164,6 @@ void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput&
   if (!relaxation_) throw InputError("relax: begin_relaxation comes first");
   check_input("relax", steps.size(), input, 2);
   const std::size_t n_muscles = model_.muscles.size(), n_values = this->n_values();
-  device_->finish();
   if (conditions_->n_fields()) conditions_->write_keys(input.keys.data(), 2);
   std::vector<double> table;
   for (std::size_t done = 0; done < steps.size();) {
@@ -179,8 +178,7 @@ void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput&
                 input.values.data() + (done + i) * n_values, step.field_weight);
       row[STEP_DT] = kForever;
     }
-    device_->finish();
-    write_reals(*step_table_, table);
+    write_table(table);
     for (std::size_t i = 0; i < batch; ++i) {
       enqueue_step(static_cast<std::int32_t>(i), 0);
       relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i), 0);

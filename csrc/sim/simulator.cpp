@@ -5,6 +5,7 @@
 
 #include "core/error.hpp"
 #include "precompute/layout.hpp"
+#include "sim/kernel_choice.hpp"
 
 namespace tledface {
 namespace {
@@ -24,6 +25,15 @@ std::vector<T> narrowed(const std::vector<double>& values) {
 Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
                      const SimulatorOptions& options, Conditions conditions, SlidingNodes sliding)
     : device_(std::move(device)), model_(std::move(model)), options_(options) {
+  bool chosen = false;
+  if (options_.kernels == KernelPath::kAuto)
+    if (const auto choice =
+            chosen_kernels(device_->info().id, options_.precision, options_.hourglass)) {
+      chosen = true;
+      options_.kernels = choice->path;
+      options_.tile = choice->tile;
+      options_.registers = choice->registers;
+    }
   rows_ = options_.kernels == KernelPath::kRows ||
           (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
   if (options_.precision == Precision::kDouble && !device_->info().has_double)
@@ -33,7 +43,6 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   program.precision = options_.precision;
   program.lanes = device_->preferred_lanes(options_.precision);
   program.vector_rows = rows_;
-  program_ = device_->build(program);
 
   precompute_.lanes = program.lanes;
   precompute_.hourglass = options_.hourglass;
@@ -42,6 +51,11 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     set_kappa_stiffening(model_, options_.kappa);
   precompute_.axis_order = options_.axis_order;
   arrays_ = make_solver_arrays(model_, precompute_);
+  program.laws = rows_ || !arrays_.law_entries.empty();
+  program_ = device_->build(program);
+  // Laws need the registers that a limit, chosen without them, would take.
+  program.registers = program.laws ? 0 : options_.registers;
+  if (program.registers) path_program_ = device_->build(program);
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions) +
                 static_cast<std::int32_t>(sliding.moving.size() * Sliding::kPoseValues);
@@ -70,9 +84,23 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   path.precision = options_.precision;
   path.hourglass = options_.hourglass;
   path.rows = rows_;
+  path.tiles = options_.kernels == KernelPath::kTile;
+  path.tile = options_.tile;
   path.n_bands = options_.n_bands;
   path.step_reals = step_reals_;
-  path_ = make_force_path(*device_, *program_, arrays_, solver_buffers(), path);
+  const auto make_path = [&] {
+    return make_force_path(*device_, path_program_ ? *path_program_ : *program_, arrays_,
+                           solver_buffers(), path);
+  };
+  try {
+    path_ = make_path();
+  } catch (const InputError&) {
+    if (!chosen || !path.tiles) throw;
+    // This model's kernels need more of a work-group than those that were measured.
+    options_.kernels = KernelPath::kGather;
+    path.tiles = false;
+    path_ = make_path();
+  }
   device_bytes_ += path_->bytes();
   conditions_ =
       std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,
@@ -87,6 +115,12 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     sliding_->bind(u, *step_table_, step_reals_);
   }
   bind_masses(*blocks_, *node_sets_);
+}
+
+const char* Simulator::kernels() const {
+  if (model_.conforming()) return "hexahedra";
+  if (rows_) return "rows";
+  return options_.kernels == KernelPath::kTile ? "tile" : "gather";
 }
 
 std::unique_ptr<Buffer> Simulator::upload(const std::vector<double>& values, std::size_t at_least) {
@@ -112,6 +146,15 @@ void Simulator::write_reals(Buffer& buffer, const std::vector<double>& values) {
   } else {
     const auto narrow = narrowed<float>(values);
     buffer.write(narrow.data(), narrow.size() * sizeof(float));
+  }
+}
+
+void Simulator::write_table(const std::vector<double>& rows) {
+  if (options_.precision == Precision::kDouble) {
+    step_table_->write_later(rows.data(), rows.size() * sizeof(double));
+  } else {
+    const auto narrow = narrowed<float>(rows);
+    step_table_->write_later(narrow.data(), narrow.size() * sizeof(float));
   }
 }
 
@@ -191,8 +234,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
       row[STEP_DT] = starts_ && i == 0 ? 0 : dt_;
       row[STEP_TIME] = time_after(static_cast<std::int64_t>(i));
     }
-    device_->finish();  // the table may still be read by steps enqueued before
-    write_reals(*step_table_, table);
+    write_table(table);
     if (n_fields)
       conditions_->write_keys(
           input.keys.data() + static_cast<std::size_t>(key - key_begin) * n_fields,
@@ -208,6 +250,7 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     n_steps_ += static_cast<std::int64_t>(batch);
     clock_steps_ += static_cast<std::int64_t>(batch);
   }
+  device_->flush();
 }
 
 void Simulator::fill_motion(double* row, bool from_rest) const {
@@ -368,8 +411,7 @@ std::vector<double> Simulator::force_at(double dt, const std::vector<double>& ac
   row[STEP_DT] = dt;
   row[STEP_TIME] = time();
   std::copy(activations.begin(), activations.end(), row.begin() + STEP_ACTIVATION);
-  device_->finish();
-  write_reals(*step_table_, row);
+  write_table(row);
   auto force = device_->allocate(u_[0]->bytes());
   path_->enqueue_forces(now_, *force);
   return slots_to_nodes(arrays_, read_slots(*force));

@@ -27,6 +27,9 @@ struct SimulatorOptions {
   double kappa = 0.075;
   double damping = 0;  // mass-proportional, 1/s
   KernelPath kernels = KernelPath::kAuto;
+  // Of the kernels of a step, see ProgramOptions; the others are small.
+  int registers = 0;
+  TileShape tile;                             // of kTile
   std::size_t n_bands = 0;                    // 0: by the device's compute units
   std::array<int, 3> axis_order{-1, -1, -1};  // see PrecomputeOptions
 };
@@ -144,6 +147,8 @@ class Simulator {
   std::size_t n_pose_values() const { return sliding_given_.moving.size() * Sliding::kPoseValues; }
   std::size_t n_values() const { return n_condition_values() + n_pose_values(); }
   bool uses_rows() const { return rows_; }
+  // "rows", "gather", "tile" or "hexahedra": what computes its steps.
+  const char* kernels() const;
   // Device buffer of the displacement of now: [block][component][lane].
   const Buffer& displacement_buffer() const { return *u_[now_]; }
   void finish() { device_->finish(); }
@@ -161,6 +166,8 @@ class Simulator {
   std::unique_ptr<Buffer> upload(const std::vector<double>& values, std::size_t at_least = 1);
   std::unique_ptr<Buffer> upload(const std::vector<std::int32_t>& values);
   void write_reals(Buffer& buffer, const std::vector<double>& values);
+  // Of the steps that are enqueued next; those before may still read the table as it was.
+  void write_table(const std::vector<double>& rows);
   std::vector<double> read_reals(const Buffer& buffer, std::size_t count);
   std::vector<double> read_slots(const Buffer& buffer);
   void check_input(const char* what, std::size_t n, const StepInput& input,
@@ -189,7 +196,7 @@ class Simulator {
   std::size_t device_bytes_ = 0;
   std::int32_t step_reals_ = 0;
 
-  std::unique_ptr<Program> program_;
+  std::unique_ptr<Program> program_, path_program_;  // the latter: where registers are limited
   std::unique_ptr<NodalConditions> conditions_;
   SlidingNodes sliding_given_;
   std::unique_ptr<Sliding> sliding_;  // where nodes slide

@@ -152,6 +152,8 @@ class DeviceInfo:
     @property
     def has_double(self) -> bool: ...
     @property
+    def limits_registers(self) -> bool: ...
+    @property
     def compute_units(self) -> int: ...
     @property
     def memory_bytes(self) -> int: ...
@@ -280,6 +282,16 @@ class _RawState(TypedDict):
     limit_squares: NDArray[np.float64]
     limit_square: float
 
+def choose_kernels(
+    device: str,
+    precision: str,
+    hourglass: str,
+    *,
+    kernels: str,
+    tile: tuple[int, int, int] = (16, 8, 0),
+    registers: int = 0,
+) -> None: ...
+
 class Simulator:
     def __init__(
         self,
@@ -292,6 +304,8 @@ class Simulator:
         damping: float,
         kernels: str = "auto",
         n_bands: int = 0,
+        tile: tuple[int, int, int] = (16, 8, 0),
+        registers: int = 0,
         conditions: Conditions | None = None,
         sliding: SlidingNodes | None = None,
     ) -> None: ...
@@ -344,6 +358,8 @@ class Simulator:
     def n_steps(self) -> int: ...
     @property
     def uses_rows(self) -> bool: ...
+    @property
+    def kernels(self) -> str: ...
     @property
     def fill(self) -> float: ...
     @property

@@ -21,6 +21,7 @@ from tledface import device as device_module
 from tledface._core_model import check_number, checked_field, core_model, core_sliding
 from tledface._results import Results
 from tledface._serial import serial
+from tledface.autotune import tune
 from tledface.conditions import Sampler, Values, prescribed_mask
 from tledface.energy import EnergyLedger, energy_interval, ledger_of
 from tledface.errors import InputError, SimulationError
@@ -67,8 +68,9 @@ class Simulator(Results):
             `tledface.time_step.TimeScalingWarning` tells.
         energy_every: Enter the energies in the ledger every so many steps, see `energies`; None
             keeps none. An entry costs as much as some 50 steps.
-        kernels: ``"rows"`` (fused vector rows, CPUs), ``"gather"`` (an element a work-item, GPUs)
-            or ``"auto"``.
+        kernels: ``"rows"`` (fused vector rows, CPUs), ``"tile"`` (a work-group a tile of columns,
+            GPUs), ``"gather"`` (an element a work-item, GPUs), or ``"auto"``, which times the last
+            two on a GPU it does not know, see `tledface.autotune`.
 
     Raises:
         InputError: a value out of range, a ``dt`` above the bound, no such device.
@@ -114,6 +116,8 @@ class Simulator(Results):
         if self._energy_every is not None:
             self._options["energy_every"] = self._energy_every
         self._device = device_module.resolve(device)
+        if kernels == "auto" and not model.is_conforming:
+            tune(self._device, precision=precision, hourglass=hourglass)
         density = model.element_parameters()["density"]
         self._schedules: list[Schedule] = [Constant(0.0) for _ in model.muscles]
         for relief in RELIEFS if isinstance(scaling, dict) else (1.0,):

@@ -1,14 +1,21 @@
 """The same steps on every executor: agreement with float64, between executors, and bit for bit."""
 
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import tledface as tf
+from tledface import _core
+from tledface._core_model import core_model
+from tledface.device import resolve
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "verification"))
+sys.path.insert(0, str(Path(__file__).parent))
+from everything import body_of_everything, contracted
+
 from scenes import contracting_block, soft, sparse_model
 
 # Below the bound throughout, so that every run takes the same steps.
@@ -51,27 +58,92 @@ def test_two_runs_agree_bit_for_bit(executor, precision):
     assert np.array_equal(first, run(contracting_block(), 300, **options))
 
 
+@pytest.mark.parametrize("laws", [True, False], ids=["laws", "no laws"])
+@pytest.mark.parametrize("hourglass", ["physical", "joldes"])
+def test_executors_agree_on_a_body_of_everything(executor, hourglass, laws):
+    """Holes, mixed voxels, laws with a past, muscles, loads, prescribed and sliding nodes."""
+    model = body_of_everything(laws=laws)
+    options = {"precision": "double", "hourglass": hourglass, "dt": 2e-6}
+    expected = contracted(model, device="native", **options)
+    got = contracted(model, **options, **executor.kwargs)
+    for sim in (expected, got):
+        sim.step(300)
+    assert abs(expected.u).max() > 2e-4
+    assert abs(got.u - expected.u).max() <= 1e-10 * abs(expected.u).max()
+    force = expected.internal_force()
+    assert abs(got.internal_force() - force).max() <= 1e-10 * abs(force).max()
+    past = expected.stress()
+    assert abs(got.stress() - past).max() <= 1e-9 * abs(past).max()
+
+
+def core_of(model, device, **options):
+    """A core simulator with the options that the package leaves to it."""
+    core = _core.Simulator(
+        resolve(device),
+        core_model(model),
+        hourglass="physical",
+        kappa=0.075,
+        damping=0.0,
+        **options,
+    )
+    core.dt = 0.9 * core.bound_at_rest()[0]
+    return core
+
+
 def test_number_of_bands_does_not_change_a_bit():
     """Threads and bands deal the same rows out differently; the sums stay in one order."""
     model = sparse_model()
     model.gravity = (3.0, -9.81, 5.0)
     results = []
     for n_bands in (1, 2, 3, 7, 11):
-        core = tf.simulator._core.Simulator(
-            tf.device.resolve("native"),
-            tf.simulator.core_model(model),
-            precision="single",
-            hourglass="physical",
-            kappa=0.075,
-            damping=0.0,
-            n_bands=n_bands,
-        )
-        core.dt = 0.9 * core.bound_at_rest()[0]
+        core = core_of(model, "native", precision="single", n_bands=n_bands)
         core.step(60, np.zeros((60, 0)))
         results.append(core.displacement())
     assert abs(results[0]).max() > 0
     for result in results[1:]:
         assert np.array_equal(result, results[0])
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_shape_of_tiles_does_not_change_a_bit(opencl, precision):
+    """Tiles deal the same elements out differently, and compute some of them more than once."""
+    model = body_of_everything()
+    levels = np.full((60, len(model.muscles)), 0.4)
+    results = []
+    for tile in ((2, 2, 1), (5, 3, 2), (16, 8, 0), (16, 16, 3), (32, 4, 64), (3, 40, 5)):
+        core = core_of(model, opencl, precision=precision, kernels="tile", tile=tile)
+        core.dt = 2e-6
+        core.step(60, levels)
+        results.append(core.raw_state())
+    assert np.any(results[0]["u"] != results[0]["u_prev"])
+    for result in results[1:]:
+        for name in ("u", "u_prev", "history"):
+            assert np.array_equal(result[name], results[0][name]), name
+
+
+def test_tiles_too_large_for_the_device_are_refused(opencl):
+    for tile, words in (
+        ((4096, 4096, 0), "needs work-groups of 16777216"),
+        ((1, 8, 0), "got 1 x 8 elements and 0 planes; allowed are 2 x 2"),
+        ((16, 8, -1), "got 16 x 8 elements and -1 planes"),
+    ):
+        with pytest.raises(tf.InputError, match=words):
+            core_of(sparse_model(), opencl, precision="single", kernels="tile", tile=tile)
+
+
+def test_steps_are_enqueued_without_waiting(opencl):
+    """The host fills the tables of batches to come while the device computes."""
+    model = tf.Model.block(cells=(32, 32, 16), size=(0.032, 0.032, 0.016), material=soft())
+    core = core_of(model, opencl, precision="single", kernels="tile")
+    none = np.zeros((3 * 256, 0))
+    core.step(8, none[:8])
+    core.finish()
+    begin = time.perf_counter()
+    core.step(len(none), none)
+    enqueued = time.perf_counter() - begin
+    core.finish()
+    whole = time.perf_counter() - begin
+    assert enqueued < 0.5 * whole, f"{enqueued:.3f} s of {whole:.3f} s"
 
 
 def test_empty_voxels_stay_out(executor):

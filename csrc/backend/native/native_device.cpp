@@ -130,6 +130,10 @@ class NativeKernel final : public Kernel {
     args_[index].integer = value;
     bound_[index] = true;
   }
+  void set_local(unsigned, std::size_t) override {
+    throw SimulationError(std::string("kernel ") + entry_.name + ": no local memory here");
+  }
+  std::size_t largest_group() const override { return 0; }
   void enqueue(std::size_t n_items, std::size_t local_size) override {
     for (unsigned index = 0; index < entry_.n_args; ++index)
       if (!bound_[index])

@@ -27,7 +27,7 @@ constexpr Int kOutOfResources = -5;
 constexpr Int kOutOfHostMemory = -6;
 constexpr Int kInvalidBufferSize = -61;
 
-constexpr Bool kTrue = 1;
+constexpr Bool kFalse = 0, kTrue = 1;
 
 constexpr Bitfield kDeviceTypeCpu = 1u << 1;
 constexpr Bitfield kDeviceTypeGpu = 1u << 2;
@@ -42,14 +42,17 @@ constexpr Enum kDeviceType = 0x1000;
 constexpr Enum kDeviceMaxComputeUnits = 0x1002;
 constexpr Enum kDeviceMaxMemoryAllocation = 0x1010;
 constexpr Enum kDeviceGlobalMemorySize = 0x101F;
+constexpr Enum kDeviceLocalMemorySize = 0x1023;
 constexpr Enum kDeviceAvailable = 0x1027;
 constexpr Enum kDeviceCompilerAvailable = 0x1028;
 constexpr Enum kDeviceName = 0x102B;
 constexpr Enum kDriverVersion = 0x102D;
+constexpr Enum kDeviceExtensions = 0x1030;
 constexpr Enum kDeviceDoubleConfig = 0x1032;
 constexpr Enum kDeviceNativeVectorWidthFloat = 0x103A;
 
 constexpr Enum kProgramBuildLog = 0x1183;
+constexpr Enum kKernelWorkGroupSize = 0x11B0;
 
 // X(name without "cl", return type, argument types)
 #define TLEDFACE_CL_ENTRY_POINTS(X)                                                              \
@@ -69,6 +72,8 @@ constexpr Enum kProgramBuildLog = 0x1183;
     (Queue, Memory, Bool, std::size_t, std::size_t, void*, UInt, const Event*, Event*))          \
   X(EnqueueWriteBuffer, Int,                                                                     \
     (Queue, Memory, Bool, std::size_t, std::size_t, const void*, UInt, const Event*, Event*))    \
+  X(WaitForEvents, Int, (UInt, const Event*))                                                    \
+  X(ReleaseEvent, Int, (Event))                                                                  \
   X(EnqueueFillBuffer, Int,                                                                      \
     (Queue, Memory, const void*, std::size_t, std::size_t, std::size_t, UInt, const Event*,      \
      Event*))                                                                                    \
@@ -80,9 +85,11 @@ constexpr Enum kProgramBuildLog = 0x1183;
   X(CreateKernel, KernelId, (ProgramId, const char*, Int*))                                      \
   X(ReleaseKernel, Int, (KernelId))                                                              \
   X(SetKernelArg, Int, (KernelId, UInt, std::size_t, const void*))                               \
+  X(GetKernelWorkGroupInfo, Int, (KernelId, DeviceId, Enum, std::size_t, void*, std::size_t*))   \
   X(EnqueueNDRangeKernel, Int,                                                                   \
     (Queue, KernelId, UInt, const std::size_t*, const std::size_t*, const std::size_t*, UInt,    \
      const Event*, Event*))                                                                      \
+  X(Flush, Int, (Queue))                                                                         \
   X(Finish, Int, (Queue))
 
 // Entry points of one loaded library; all are set. Driver objects carry their own dispatch table

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <deque>
 #include <map>
 #include <mutex>
 #include <stdexcept>
@@ -18,6 +19,8 @@ constexpr const char* kBuildOptions =
     "-cl-std=CL1.2 -cl-mad-enable -cl-no-signed-zeros -cl-denorms-are-zero";
 // Buffers end on a full vector row and a cache line, so that whole rows can be filled.
 constexpr std::size_t kBufferGranularity = 128;
+// Copies of what waits to be written to a buffer: how far the host runs ahead of the device.
+constexpr std::size_t kWritesAhead = 2;
 
 std::string size_text(std::size_t bytes) {
   const char* const units[] = {"B", "KiB", "MiB", "GiB", "TiB"};
@@ -104,7 +107,8 @@ struct OpenClContext {
     return *context;
   }
 
-  cl::ProgramId program(const std::string& source, const std::string& device_name) {
+  cl::ProgramId program(const std::string& source, const std::string& build_options,
+                        const std::string& device_name) {
     std::lock_guard<std::mutex> lock(mutex);
     const auto found = programs.find(source);
     if (found != programs.end()) return found->second;
@@ -115,7 +119,7 @@ struct OpenClContext {
     if (status != cl::kSuccess)
       throw SimulationError(device_name +
                             ": clCreateProgramWithSource: " + opencl_error_name(status));
-    status = api.BuildProgram(built, 1, &device, kBuildOptions, nullptr, nullptr);
+    status = api.BuildProgram(built, 1, &device, build_options.c_str(), nullptr, nullptr);
     if (status != cl::kSuccess) {
       const std::string log = build_log(built);
       api.ReleaseProgram(built);
@@ -199,7 +203,10 @@ class OpenClBuffer final : public Buffer {
       refuse(status, largest);
     }
   }
-  ~OpenClBuffer() override { queue_->api.ReleaseMemObject(handle_); }
+  ~OpenClBuffer() override {
+    while (!waiting_.empty()) let_go_first();
+    queue_->api.ReleaseMemObject(handle_);
+  }
   OpenClBuffer(const OpenClBuffer&) = delete;
   OpenClBuffer& operator=(const OpenClBuffer&) = delete;
 
@@ -219,9 +226,34 @@ class OpenClBuffer final : public Buffer {
                   "clEnqueueReadBuffer");
   }
 
+  void write_later(const void* source, std::size_t bytes) override {
+    if (!check_range(bytes, 0)) return;
+    while (waiting_.size() >= kWritesAhead) queue_->check(let_go_first(), "clWaitForEvents");
+    const auto* begin = static_cast<const std::uint8_t*>(source);
+    waiting_.push_back({std::vector<std::uint8_t>(begin, begin + bytes), nullptr});
+    const cl::Int status = queue_->api.EnqueueWriteBuffer(queue_->handle, handle_, cl::kFalse, 0,
+                                                          bytes, waiting_.back().bytes.data(), 0,
+                                                          nullptr, &waiting_.back().done);
+    if (status != cl::kSuccess) waiting_.pop_back();
+    queue_->check(status, "clEnqueueWriteBuffer");
+  }
+
   void* opencl_handle() const override { return handle_; }
 
  private:
+  struct Waiting {
+    std::vector<std::uint8_t> bytes;
+    cl::Event done;
+  };
+
+  // Waits for the first that is being written.
+  cl::Int let_go_first() {
+    const cl::Int status = queue_->api.WaitForEvents(1, &waiting_.front().done);
+    queue_->api.ReleaseEvent(waiting_.front().done);
+    waiting_.pop_front();
+    return status;
+  }
+
   // False where there is nothing to copy; OpenCL has no empty transfer.
   bool check_range(std::size_t bytes, std::size_t offset) const {
     if (offset > bytes_ || bytes > bytes_ - offset)
@@ -243,6 +275,7 @@ class OpenClBuffer final : public Buffer {
   std::shared_ptr<OpenClQueue> queue_;
   std::size_t bytes_;
   cl::Memory handle_ = nullptr;
+  std::deque<Waiting> waiting_;
 };
 
 class OpenClKernel final : public Kernel {
@@ -266,6 +299,17 @@ class OpenClKernel final : public Kernel {
   }
 
   void set_arg(unsigned index, std::int32_t value) override { set(index, sizeof value, &value); }
+
+  void set_local(unsigned index, std::size_t bytes) override { set(index, bytes, nullptr); }
+
+  std::size_t largest_group() const override {
+    std::size_t size = 0;
+    queue_->check(
+        queue_->api.GetKernelWorkGroupInfo(handle_, queue_->context.device,
+                                           cl::kKernelWorkGroupSize, sizeof size, &size, nullptr),
+        "clGetKernelWorkGroupInfo " + name_);
+    return size;
+  }
 
   void enqueue(std::size_t n_items, std::size_t local_size) override {
     if (n_items == 0) return;
@@ -333,8 +377,14 @@ std::unique_ptr<Program> OpenClDevice::build_source(const std::string& source,
   if (options.precision == Precision::kDouble && !info().has_double)
     throw InputError(queue_->name() + " (" + info().name +
                      "): has no double precision; use precision='single' or device='native'");
-  return std::make_unique<OpenClProgram>(queue_, queue_->context.program(source, queue_->name()));
+  std::string build_options = kBuildOptions;
+  if (options.registers > 0 && info().limits_registers)
+    build_options += " -cl-nv-maxrregcount=" + std::to_string(options.registers);
+  return std::make_unique<OpenClProgram>(
+      queue_, queue_->context.program(source, build_options, queue_->name()));
 }
+
+void OpenClDevice::flush() { queue_->check(queue_->api.Flush(queue_->handle), "clFlush"); }
 
 void OpenClDevice::finish() { queue_->check(queue_->api.Finish(queue_->handle), "clFinish"); }
 
@@ -353,6 +403,10 @@ DeviceInfo describe_opencl_device(const cl::Api& api, cl::Platform platform, cl:
   info.has_double = query_value<cl::Bitfield>(api, handle, cl::kDeviceDoubleConfig) != 0;
   info.compute_units = query_value<cl::UInt>(api, handle, cl::kDeviceMaxComputeUnits);
   info.memory_bytes = query_value<std::uint64_t>(api, handle, cl::kDeviceGlobalMemorySize);
+  info.limits_registers =
+      query_text(api.GetDeviceInfo, handle, cl::kDeviceExtensions).find("cl_nv_compiler_options") !=
+      std::string::npos;
+  info.local_bytes = query_value<std::uint64_t>(api, handle, cl::kDeviceLocalMemorySize);
   if (!query_value<cl::Bool>(api, handle, cl::kDeviceAvailable))
     info.reason = "the driver says it is not available";
   else if (!query_value<cl::Bool>(api, handle, cl::kDeviceCompilerAvailable))

@@ -22,6 +22,7 @@ class OpenClDevice final : public Device {
   std::unique_ptr<Buffer> allocate(std::size_t bytes) override;
   // Builds program.cl of the kernel folder.
   std::unique_ptr<Program> build(const ProgramOptions& options) override;
+  void flush() override;
   void finish() override;
 
   // Builds `source` as it is; SimulationError with the first errors of the compiler's log.

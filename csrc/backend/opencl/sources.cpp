@@ -105,6 +105,10 @@ std::string join(const fs::path& folder, const std::string& file, const ProgramO
   std::string prologue = "#define TLED_OPENCL 1\n";
   prologue += "#define TLED_LANES " + std::to_string(options.lanes) + "\n";
   prologue += std::string("#define TLED_VECTOR_ROWS ") + (options.vector_rows ? "1\n" : "0\n");
+  // Not for the kernels: programs are told apart by their text.
+  if (options.registers)
+    prologue += "// at most " + std::to_string(options.registers) + " registers\n";
+  prologue += std::string("#define TLED_LAWS ") + (options.laws ? "1\n" : "0\n");
   prologue += std::string("#define TLED_DOUBLE ") + (is_double ? "1\n" : "0\n");
   if (is_double) prologue += "#pragma OPENCL EXTENSION cl_khr_fp64 : enable\n";
   Joiner joiner(folder);

@@ -1,0 +1,92 @@
+#include "sim/tile_path.hpp"
+
+#include <algorithm>
+#include <string>
+
+#include "core/error.hpp"
+#include "precompute/layout.hpp"
+#include "precompute/tiles.hpp"
+
+namespace tledface {
+namespace {
+
+// Where the kernel takes what changes.
+constexpr unsigned kBlocks = 4, kNodeSets = 6, kHanded = 16, kStepIndex = 19, kIntegrates = 21;
+// Work-items a compute unit, in tiles: two to five times as many as run at a time, so that the last
+// tiles to finish leave few units idle.
+constexpr std::size_t kItemsPerUnit = 1024;
+
+class TilePath final : public ForcePath {
+ public:
+  TilePath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
+           const ForcePathOptions& options)
+      : u_{b.u[0], b.u[1]}, group_(std::size_t(options.tile.width) * options.tile.rows) {
+    const DeviceInfo& info = device.info();
+    const std::string name = "step_tile_" + form_of(options);
+    TileShape shape = options.tile;
+    shape.depth = tile_depth(arrays, shape, kItemsPerUnit * std::max(1u, info.compute_units));
+    const std::size_t largest = binder.make(name, {}, {})->largest_group(),
+                      local = 2 * group_ * TLED_TILE_HANDED * real_size(options.precision);
+    if (group_ > largest || local > info.local_bytes)
+      throw InputError("tile: " + std::to_string(shape.width) + " x " + std::to_string(shape.rows) +
+                       " needs work-groups of " + std::to_string(group_) + " with " +
+                       std::to_string(local) + " bytes of local memory; device '" + info.id +
+                       "' has at most " + std::to_string(largest) + " with " +
+                       std::to_string(info.local_bytes) +
+                       " for this model; use a smaller tile or kernels='gather'");
+    const Tiles tiles = make_tiles(arrays, shape);
+    n_items_ = tiles.size() * group_;
+    tiles_ = binder.upload(tiles.tiles, bytes_);
+    places_ = binder.upload(tiles.places, bytes_);
+    for (int parity = 0; parity < 2; ++parity) {
+      step_[parity] = binder.make(
+          name,
+          {b.u[parity], b.u[1 - parity], tiles_.get(), places_.get(), b.blocks, b.materials,
+           b.node_sets, b.law_entries, b.law_sets, b.history[parity], b.history[1 - parity],
+           b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape, b.step_table},
+          {});
+      Kernel& kernel = *step_[parity];
+      kernel.set_local(kHanded, local);
+      unsigned index = kHanded + 1;
+      for (const std::int32_t value : {arrays.n_blocks, std::int32_t(options.tile.width),
+                                       std::int32_t(0), options.step_reals, std::int32_t(1)})
+        kernel.set_arg(index++, value);
+    }
+  }
+
+  void bind_masses(const Buffer& blocks, const Buffer& node_sets) override {
+    for (const auto& kernel : step_) {
+      kernel->set_arg(kBlocks, blocks);
+      kernel->set_arg(kNodeSets, node_sets);
+    }
+  }
+  void enqueue_step(int now, std::int32_t index) override {
+    step_[now]->set_arg(kStepIndex, index);
+    step_[now]->enqueue(n_items_, group_);
+  }
+  void enqueue_forces(int now, Buffer& force) override {
+    Kernel& kernel = *step_[now];
+    kernel.set_arg(1, force);
+    kernel.set_arg(kStepIndex, std::int32_t(0));
+    kernel.set_arg(kIntegrates, std::int32_t(0));
+    kernel.enqueue(n_items_, group_);
+    kernel.set_arg(1, *u_[1 - now]);
+    kernel.set_arg(kIntegrates, std::int32_t(1));
+  }
+
+ private:
+  const Buffer* u_[2];
+  std::size_t group_, n_items_ = 0;
+  std::unique_ptr<Buffer> tiles_, places_;
+  std::unique_ptr<Kernel> step_[2];
+};
+
+}  // namespace
+
+std::unique_ptr<ForcePath> make_tile_path(Device& device, const Binder& binder,
+                                          const SolverArrays& arrays, const SolverBuffers& buffers,
+                                          const ForcePathOptions& options) {
+  return std::make_unique<TilePath>(device, binder, arrays, buffers, options);
+}
+
+}  // namespace tledface

@@ -1,0 +1,201 @@
+"""Which kernels compute the steps on a GPU: timed once for each device, then remembered.
+
+The choice depends on registers, caches and local memory in ways that only a clock knows
+(docs/explanation/gpu-kernels.md). It is kept in the user's cache folder, by device, driver,
+version of tledface, precision and hourglass form; CPUs need none.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tledface import _core
+from tledface._core_model import core_model
+from tledface.errors import InputError, SimulationError
+
+__all__ = ["Kernels", "cache_file", "fastest", "tune"]
+
+_CELLS = (96, 96, 24)
+_WARM_UP, _ROUNDS, _STEPS = 10, 5, 20
+_ACTIVATION = 0.3
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """What computes the steps.
+
+    Attributes
+    ----------
+    kernels : str
+        ``"gather"`` or ``"tile"``.
+    tile : tuple of int
+        Elements of a tile in x and y, and planes in z at most (0: by the device's units).
+    registers : int
+        Of a work-item at most; 0 leaves it to the compiler.
+    """
+
+    kernels: str
+    tile: tuple[int, int, int] = (16, 8, 0)
+    registers: int = 0
+
+    def __str__(self) -> str:
+        """Name it as in the cache: ``gather``, ``tile 16x8``, ``tile 16x8, 96 registers``."""
+        name = self.kernels
+        if name == "tile":
+            name += " {}x{}".format(*self.tile)
+        return f"{name}, {self.registers} registers" if self.registers else name
+
+
+# Work-groups of 128 to 256 items; fewer registers, where the driver takes a limit, are more of
+# them at a time on a unit.
+_CANDIDATES = (
+    Kernels("gather"),
+    *(
+        Kernels("tile", shape, registers)
+        for shape in ((16, 8, 0), (16, 16, 0))
+        for registers in (0, 128, 96)
+    ),
+)
+
+_chosen: dict[str, Kernels] = {}  # of this process
+
+
+def tune(device: _core.Device, *, precision: str, hourglass: str) -> None:
+    """Make ``kernels="auto"`` on a GPU mean the fastest; other devices know their own.
+
+    ``TLEDFACE_AUTOTUNE=0`` in the environment: nothing is timed or read, ``"auto"`` is gather.
+    """
+    if device.info.kind != "gpu" or os.environ.get("TLEDFACE_AUTOTUNE") == "0":
+        return
+    chosen = fastest(device, precision=precision, hourglass=hourglass)
+    _core.choose_kernels(device.info.id, precision, hourglass, **asdict(chosen))
+
+
+def fastest(
+    device: _core.Device,
+    *,
+    precision: str,
+    hourglass: str,
+    cells: tuple[int, int, int] = _CELLS,
+    candidates: Sequence[Kernels] = _CANDIDATES,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Kernels:
+    """Look up the fastest kernels of an OpenCL device, or time the candidates on a block."""
+    info = device.info
+    key = f"{info.name}, driver {info.driver}, tledface {version('tledface')}"
+    key += f", {precision}, {hourglass}"
+    known = _chosen.get(key) or _remembered(key, candidates)
+    if known is None:
+        able = [c for c in candidates if not c.registers or info.limits_registers]
+        seconds = _timed(device, precision, hourglass, cells, able, clock)
+        if not seconds:  # whoever makes a simulator learns why
+            return Kernels("gather")
+        known = min(seconds, key=lambda candidate: seconds[candidate])
+        _remember(key, known, seconds)
+    _chosen[key] = known
+    return known
+
+
+def cache_file() -> Path:
+    """Where choices are kept: ``$XDG_CACHE_HOME/tledface/kernels.json``, else ``~/.cache/…``."""
+    folder = os.environ.get("XDG_CACHE_HOME")
+    return (Path(folder) if folder else Path.home() / ".cache") / "tledface" / "kernels.json"
+
+
+def _timed(
+    device: _core.Device,
+    precision: str,
+    hourglass: str,
+    cells: tuple[int, int, int],
+    candidates: Sequence[Kernels],
+    clock: Callable[[], float],
+) -> dict[Kernels, float]:
+    """Seconds a step of each candidate that runs, the best of rounds taken in turns."""
+    model = core_model(_block(cells))
+    runs: dict[Kernels, _core.Simulator] = {}
+    levels = np.full((_STEPS, 1), _ACTIVATION)
+    for candidate in candidates:
+        try:
+            core = _core.Simulator(
+                device,
+                model,
+                precision=precision,
+                hourglass=hourglass,
+                kappa=0.075,
+                damping=0.0,
+                **asdict(candidate),
+            )
+            core.dt = 0.5 * core.bound_at_rest()[0]
+            core.step(_WARM_UP, levels[:_WARM_UP])
+            core.finish()
+        except (InputError, SimulationError):
+            continue  # too large a group for the device, or no room
+        runs[candidate] = core
+    seconds = dict.fromkeys(runs, float("inf"))
+    for _ in range(_ROUNDS):
+        for candidate, core in runs.items():
+            begin = clock()
+            core.step(_STEPS, levels)
+            core.finish()
+            seconds[candidate] = min(seconds[candidate], (clock() - begin) / _STEPS)
+    return seconds
+
+
+def _block(cells: tuple[int, int, int]) -> Any:
+    """Soft tissue with a muscle through an eighth of it, which contracts."""
+    from tledface.constitutive import material
+    from tledface.model import Model
+
+    h = 1e-3
+    tissue = material("neo_hookean", youngs_modulus=50e3, poissons_ratio=0.45, density=1000.0)
+    size = (cells[0] * h, cells[1] * h, cells[2] * h)
+    model = Model.block(cells=cells, size=size, material=tissue)
+    model.add_muscle(
+        "muscle",
+        lambda c: c[:, 2] < max(size[2] / 8, h),
+        fibre=(1, 0, 0),
+        sigma_act=50e3,
+        sigma_pas=50e3,
+    )
+    model.fix(lambda X: X[:, 0] < 0.1 * h)
+    return model
+
+
+def _remembered(key: str, candidates: Sequence[Kernels]) -> Kernels | None:
+    """The choice in the cache; None without one, whatever is in the file."""
+    try:
+        name = json.loads(cache_file().read_text("utf-8"))[key]["chosen"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return next((candidate for candidate in candidates if str(candidate) == name), None)
+
+
+def _remember(key: str, chosen: Kernels, seconds: dict[Kernels, float]) -> None:
+    """Enter a choice; a cache that cannot be read is begun anew, one not written does no harm."""
+    path = cache_file()
+    try:
+        known = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError):
+        known = {}
+    if not isinstance(known, dict):
+        known = {}
+    known[key] = {
+        "chosen": str(chosen),
+        "ms_per_step": {str(c): round(1e3 * s, 5) for c, s in seconds.items()},
+    }
+    part = path.with_name(f"{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", "utf-8")
+        os.replace(part, path)
+    except OSError:
+        pass
