@@ -61,6 +61,7 @@ struct ProgramOptions {
   Precision precision = Precision::kSingle;
   int lanes = 16;
   bool vector_rows = true;
+  std::string file = "program.cl";  // of the kernel folder; native programs have all kernels
 };
 
 class Program {

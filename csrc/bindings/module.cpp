@@ -10,6 +10,7 @@ void define_model(py::module_& module);
 void define_fibres(py::module_& module);
 void define_devices(py::module_& module);
 void define_simulator(py::module_& module);
+void define_roofline(py::module_& module);
 
 PYBIND11_MODULE(_core, module) {
   module.doc() = "C++ core of tledface";
@@ -20,4 +21,5 @@ PYBIND11_MODULE(_core, module) {
   define_fibres(module);
   define_devices(module);
   define_simulator(module);
+  define_roofline(module);
 }

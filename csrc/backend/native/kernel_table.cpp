@@ -10,6 +10,7 @@
 
 namespace {
 #include "program.cl"
+#include "roofline.cl"
 
 using tledface::native::KernelArg;
 using tledface::native::KernelEntry;
@@ -71,6 +72,8 @@ constexpr KernelEntry kEntries[] = {
     TLED_ENTRY(hex_integrate_nodes), TLED_ENTRY(hex_gather_forces),
     TLED_ENTRY(hex_state),           TLED_ENTRY(hex_growth),
     TLED_ENTRY(slide_nodes),         TLED_ENTRY(grid_nearest),
+    TLED_ENTRY(roofline_axpy),       TLED_ENTRY(roofline_copy),
+    TLED_ENTRY(roofline_mixed),
 };
 constexpr tledface::native::KernelTable kTable = {TLED_INSTRUCTION_SET, TLED_LANES, kEntries,
                                                   sizeof kEntries / sizeof kEntries[0]};

@@ -325,7 +325,7 @@ std::unique_ptr<Buffer> OpenClDevice::allocate(std::size_t bytes) {
 }
 
 std::unique_ptr<Program> OpenClDevice::build(const ProgramOptions& options) {
-  return build_source(kernel_source("program.cl", options), options);
+  return build_source(kernel_source(options.file, options), options);
 }
 
 std::unique_ptr<Program> OpenClDevice::build_source(const std::string& source,

@@ -1,0 +1,125 @@
+#include "backend/roofline.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <string>
+
+#include "core/error.hpp"
+
+namespace tledface {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+constexpr int kChains = 8;          // products of a group in roofline_mixed
+constexpr int kGroups = 2;          // groups an iteration of its inner loops
+constexpr int kLargestAdds = 12;    // additions a group
+constexpr int kLargestPeriod = 12;  // groups of multiply-adds and products a round, together
+constexpr int kRounds = 2000;
+// Pieces of an array: enough to level threads out; and work-items that fill any GPU.
+constexpr std::size_t kPiecesPerUnit = 8, kItemsPerUnit = 2048, kGroupSize = 64;
+
+double seconds_since(Clock::time_point begin) {
+  return std::chrono::duration<double>(Clock::now() - begin).count();
+}
+
+}  // namespace
+
+// A kernel and how many of its launches take how long.
+struct Roofline::Block {
+  std::unique_ptr<Kernel> kernel;
+  std::size_t n_items, local_size;
+  double seconds_a_pass = 0;
+};
+
+Roofline::Roofline(std::shared_ptr<Device> device, Precision precision, std::size_t bytes,
+                   const InstructionMix& mix)
+    : device_(std::move(device)), precision_(precision) {
+  if (!(mix.fused > 0) || mix.multiplied < 0 || mix.added < 0 || !std::isfinite(mix.total()))
+    throw InputError("roofline: the mix needs some multiply-adds and no negative count");
+  const bool rows = device_->prefers_vector_rows();
+  ProgramOptions options;
+  options.precision = precision;
+  options.lanes = device_->preferred_lanes(precision);
+  options.vector_rows = rows;
+  options.file = "roofline.cl";
+  program_ = device_->build(options);
+  const std::size_t real = real_size(precision), width = rows ? options.lanes : 1,
+                    units = device_->info().compute_units, local = rows ? 1 : kGroupSize;
+  n_items_ = units * (rows ? kPiecesPerUnit : kItemsPerUnit);
+  const std::size_t n_rows = std::max(n_items_, bytes / (2 * real * width));
+  n_reals_ = n_rows * width;
+  if (n_rows > 0x7fffffff) throw InputError("roofline: the arrays are larger than can be indexed");
+  x_ = device_->allocate(n_reals_ * real);
+  y_ = device_->allocate(n_reals_ * real);
+  const auto memory_block = [&](const std::string& name) {
+    auto block = std::make_unique<Block>(Block{program_->kernel(name), n_items_, local});
+    block->kernel->set_arg(0, *x_);
+    block->kernel->set_arg(1, *y_);
+    block->kernel->set_arg(2, static_cast<std::int32_t>(n_rows));
+    block->kernel->set_arg(3, static_cast<std::int32_t>(n_items_));
+    return block;
+  };
+  axpy_ = memory_block("roofline_axpy");
+  copy_ = memory_block("roofline_copy");
+
+  // The nearest mix of whole groups.
+  const double multiplying = mix.fused + mix.multiplied, share = mix.fused / multiplying;
+  int fused = 1, period = 1;
+  for (int n = 1; n <= kLargestPeriod; ++n) {
+    const int f = std::clamp(static_cast<int>(std::lround(share * n)), 1, n);
+    if (std::abs(share - double(f) / n) + 1e-9 < std::abs(share - double(fused) / period))
+      fused = f, period = n;
+  }
+  const int adds =
+      std::clamp(static_cast<int>(std::lround(kChains * mix.added / multiplying)), 0, kLargestAdds);
+  mix_ = {double(fused) * kChains, double(period - fused) * kChains, double(period) * adds};
+  arithmetic_items_ = units * (rows ? kPiecesPerUnit : kItemsPerUnit);
+  instructions_a_pass_ =
+      mix_.total() * kGroups * kRounds * double(arithmetic_items_) * double(width);
+  out_ = device_->allocate(2 * arithmetic_items_ * width * real);
+  mixed_ =
+      std::make_unique<Block>(Block{program_->kernel("roofline_mixed"), arithmetic_items_, local});
+  mixed_->kernel->set_arg(0, *out_);
+  unsigned argument = 1;
+  for (const int value :
+       {static_cast<int>(arithmetic_items_), kRounds, fused, period - fused, adds})
+    mixed_->kernel->set_arg(argument++, static_cast<std::int32_t>(value));
+}
+
+Roofline::~Roofline() { device_->finish(); }
+
+double Roofline::passes_per_second(Block& block, double seconds) {
+  const auto run = [&](int passes) {
+    device_->finish();
+    const auto begin = Clock::now();
+    for (int pass = 0; pass < passes; ++pass)
+      block.kernel->enqueue(block.n_items, block.local_size);
+    device_->finish();
+    return seconds_since(begin) / passes;
+  };
+  if (block.seconds_a_pass == 0) {
+    run(1);
+    block.seconds_a_pass = run(1);
+  }
+  const double wanted = seconds / std::max(block.seconds_a_pass, 1e-7);
+  const double taken = run(static_cast<int>(std::clamp(wanted, 1.0, 1e6)));
+  // A pass that was held up would shorten all later blocks.
+  block.seconds_a_pass = std::min(block.seconds_a_pass, taken);
+  return 1 / taken;
+}
+
+double Roofline::axpy(double seconds) {
+  return 3 * double(n_reals_ * real_size(precision_)) * passes_per_second(*axpy_, seconds) / 1e9;
+}
+
+double Roofline::copy(double seconds) {
+  return 2 * double(n_reals_ * real_size(precision_)) * passes_per_second(*copy_, seconds) / 1e9;
+}
+
+double Roofline::instructions(double seconds) {
+  return instructions_a_pass_ * passes_per_second(*mixed_, seconds) / 1e9;
+}
+
+}  // namespace tledface

@@ -1,0 +1,35 @@
+// What a device can do at best, for Python's benchmark.
+#include <pybind11/pybind11.h>
+
+#include "backend/roofline.hpp"
+#include "core/error.hpp"
+
+namespace py = pybind11;
+
+void define_roofline(py::module_& module) {
+  using namespace tledface;
+  using ReleaseGil = py::call_guard<py::gil_scoped_release>;
+
+  py::class_<Roofline>(module, "Roofline", "Plain memory traffic and arithmetic on a device.")
+      .def(py::init([](std::shared_ptr<Device> device, bool is_double, std::size_t nbytes,
+                       double fused, double multiplied, double added) {
+             return std::make_unique<Roofline>(std::move(device),
+                                               is_double ? Precision::kDouble : Precision::kSingle,
+                                               nbytes, InstructionMix{fused, multiplied, added});
+           }),
+           py::arg("device"), py::kw_only(), py::arg("is_double"), py::arg("nbytes"),
+           py::arg("fused"), py::arg("multiplied"), py::arg("added"))
+      .def("axpy", &Roofline::axpy, py::arg("seconds"), ReleaseGil(),
+           "GB/s of y += a x, 3 reals an element, in a block of so many seconds.")
+      .def("copy", &Roofline::copy, py::arg("seconds"), ReleaseGil(),
+           "GB/s of y = x, 2 reals an element.")
+      .def("instructions", &Roofline::instructions, py::arg("seconds"), ReleaseGil(),
+           "G instructions a second, each on one real, of the mix.")
+      .def_property_readonly(
+          "mix",
+          [](const Roofline& roofline) {
+            const auto& mix = roofline.mix();
+            return py::make_tuple(mix.fused, mix.multiplied, mix.added);
+          },
+          "Multiply-adds, products and sums of the kernel: the nearest that it can do.");
+}
