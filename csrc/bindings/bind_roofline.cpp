@@ -1,8 +1,13 @@
-// What a device can do at best, for Python's benchmark.
+// What a device can do at best and what a step asks of it, for Python's benchmark.
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <map>
+#include <string>
 
 #include "backend/roofline.hpp"
 #include "core/error.hpp"
+#include "sim/operation_count.hpp"
 
 namespace py = pybind11;
 
@@ -32,4 +37,23 @@ void define_roofline(py::module_& module) {
             return py::make_tuple(mix.fused, mix.multiplied, mix.added);
           },
           "Multiply-adds, products and sums of the kernel: the nearest that it can do.");
+
+  module.def(
+      "operations_per_element",
+      [](const VoxelModel& model, bool physical, std::array<int, 3> axis_order) {
+        const auto counts = [&] {
+          py::gil_scoped_release release;
+          return operations_per_element(
+              model, physical ? HourglassForm::kPhysical : HourglassForm::kKappa, axis_order);
+        }();
+        return std::map<std::string, double>{
+            {"fused", counts.fused},       {"multiplied", counts.multiplied},
+            {"added", counts.added},       {"selected", counts.selected},
+            {"divided", counts.divided},   {"roots", counts.roots},
+            {"shuffled", counts.shuffled},
+        };
+      },
+      py::arg("model"), py::kw_only(), py::arg("physical"), py::arg("axis_order"),
+      "Vector instructions of one step of the row kernels by kind, per element: the kernels' own "
+      "text, counted as it runs.");
 }

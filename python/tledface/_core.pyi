@@ -216,6 +216,10 @@ class Roofline:
     @property
     def mix(self) -> tuple[float, float, float]: ...
 
+def operations_per_element(
+    model: VoxelModel, *, physical: bool, axis_order: Sequence[int]
+) -> dict[str, float]: ...
+
 # bind_simulator.cpp
 
 class VoxelModel:

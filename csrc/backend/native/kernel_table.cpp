@@ -1,6 +1,9 @@
 // Compiled once per instruction set and precision (cmake/NativeKernels.cmake) with
-// TLED_TABLE (the function's name), TLED_INSTRUCTION_SET, TLED_LANES and TLED_DOUBLE.
+// TLED_TABLE (the function's name), TLED_INSTRUCTION_SET, TLED_LANES and TLED_DOUBLE; once more
+// with TLED_COUNTED, where a row counts what is done with it.
 #include "backend/native/kernel_table.hpp"
+
+#include <utility>
 
 #include "backend/native/shim.hpp"
 
@@ -83,4 +86,11 @@ constexpr tledface::native::KernelTable kTable = {TLED_INSTRUCTION_SET, TLED_LAN
 namespace tledface::native {
 const KernelTable& TLED_TABLE();
 const KernelTable& TLED_TABLE() { return kTable; }
+#if TLED_COUNTED
+OperationCounts take_operation_counts() {
+  const OperationCounts taken = counts;
+  counts = OperationCounts();
+  return taken;
+}
+#endif
 }  // namespace tledface::native
