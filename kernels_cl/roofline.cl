@@ -36,65 +36,68 @@ __kernel void roofline_copy(__global const real* restrict x, __global real* rest
     store_lanes(load_lanes(x + row * ROW_REALS), y + row * ROW_REALS);
 }
 
-// Independent chains of operations, all in registers (16 of AVX2 hold 8 + 6 chains and 2
-// constants): 8 that multiply, enough for two units with a latency of 4; 6 that add, for two with 3.
-// A group is one operation of each multiplying chain with `adds` additions dealt between them.
-#define FUSED(x) x = x * b + c
-#define MULTIPLIED(x) x = x * b
-#define ADDED(y) y = y + c
-#define NO_ADD
+// 14 independent chains of operations and one constant: what the 16 registers of AVX2 hold, and enough
+// for four units with latencies of 4 and 3. Some chains add, the others multiply (and add).
+#define FUSED(x) x = x * c + c;
+#define MULTIPLIED(x) x = x * c;
+#define ADDED(x) x = x + c;
+#define CHAINS(o0, o1, o2, o3, o4, o5, o6, o7, o8, o9, o10, o11, o12, o13) \
+  o0(x0) o1(x1) o2(x2) o3(x3) o4(x4) o5(x5) o6(x6) o7(x7) o8(x8) o9(x9) o10(x10) o11(x11) \
+      o12(x12) o13(x13)
+#define CHAINS_0(OP) \
+  CHAINS(OP, OP, OP, OP, OP, OP, OP, OP, OP, OP, OP, OP, OP, OP)
+#define CHAINS_1(OP) \
+  CHAINS(OP, OP, OP, OP, OP, OP, ADDED, OP, OP, OP, OP, OP, OP, OP)
+#define CHAINS_2(OP) \
+  CHAINS(OP, OP, OP, ADDED, OP, OP, OP, OP, OP, OP, ADDED, OP, OP, OP)
+#define CHAINS_3(OP) \
+  CHAINS(OP, OP, ADDED, OP, OP, OP, ADDED, OP, OP, OP, OP, ADDED, OP, OP)
+#define CHAINS_4(OP) \
+  CHAINS(OP, ADDED, OP, OP, OP, ADDED, OP, OP, ADDED, OP, OP, OP, ADDED, OP)
+#define CHAINS_5(OP) \
+  CHAINS(OP, ADDED, OP, OP, ADDED, OP, ADDED, OP, OP, ADDED, OP, OP, ADDED, OP)
+#define CHAINS_6(OP) \
+  CHAINS(OP, ADDED, OP, ADDED, OP, ADDED, OP, OP, ADDED, OP, ADDED, OP, ADDED, OP)
+#define CHAINS_7(OP) \
+  CHAINS(ADDED, OP, ADDED, OP, ADDED, OP, ADDED, OP, ADDED, OP, ADDED, OP, ADDED, OP)
+#define CHAINS_8(OP) \
+  CHAINS(ADDED, OP, ADDED, OP, ADDED, OP, ADDED, ADDED, OP, ADDED, OP, ADDED, OP, ADDED)
 
-#define GROUP(OP, a0, a1, a2, a3, a4, a5, a6, a7) \
-  OP(x0); a0; OP(x1); a1; OP(x2); a2; OP(x3); a3; OP(x4); a4; OP(x5); a5; OP(x6); a6; OP(x7); a7
+// Four times each, so that the loop's own work is small.
+#define RUN(chains)                                                                             \
+  for (int round = 0; round < rounds; ++round) {                                                \
+    for (int i = 0; i < fused; ++i) {                                                           \
+      chains(FUSED) chains(FUSED) chains(FUSED) chains(FUSED)                                   \
+    }                                                                                           \
+    for (int i = 0; i < multiplied; ++i) {                                                      \
+      chains(MULTIPLIED) chains(MULTIPLIED) chains(MULTIPLIED) chains(MULTIPLIED)               \
+    }                                                                                           \
+  }                                                                                             \
+  break;
 
-// Twice the group, so that the loop's own work is small.
-#define RUN(a0, a1, a2, a3, a4, a5, a6, a7)                                \
-  for (int round = 0; round < rounds; ++round) {                           \
-    for (int i = 0; i < fused; ++i) {                                      \
-      GROUP(FUSED, a0, a1, a2, a3, a4, a5, a6, a7);                        \
-      GROUP(FUSED, a0, a1, a2, a3, a4, a5, a6, a7);                        \
-    }                                                                      \
-    for (int i = 0; i < multiplied; ++i) {                                 \
-      GROUP(MULTIPLIED, a0, a1, a2, a3, a4, a5, a6, a7);                   \
-      GROUP(MULTIPLIED, a0, a1, a2, a3, a4, a5, a6, a7);                   \
-    }                                                                      \
-  }
-
-// `rounds` times 2 `fused` groups of multiply-adds and 2 `multiplied` groups of products, each with
-// `adds` (0 to 12) additions. Work-item: a row of lanes, or a lane. out: one such row of zeros each,
-// then one each for the result.
+// `rounds` times `fused` (at least 1) times all chains with multiply-adds and `multiplied` times all
+// with products, four times over; `adding` of the chains add instead, 0 to 8. Work-item: a row of
+// lanes, or a lane. out: one such row of zeros each, then one each for the result.
 __kernel void roofline_mixed(__global real* restrict out, int n_items, int rounds, int fused,
-                             int multiplied, int adds) {
+                             int multiplied, int adding) {
   const int item = (int)get_global_id(0);
   if (item >= n_items) return;
   __global real* at = out + (long)item * ROW_REALS;
-  // Values stay near 1: the products shrink them, the multiply-adds bring them back.
-  const realv b = broadcast(R(0.9999)) + load_lanes(at), c = broadcast(R(0.0001)) + load_lanes(at);
-  realv x0 = b, x1 = b + c, x2 = x1 + c, x3 = x2 + c, x4 = x3 + c, x5 = x4 + c, x6 = x5 + c,
-        x7 = x6 + c;
-  realv y0 = c, y1 = y0 + c, y2 = y1 + c, y3 = y2 + c, y4 = y3 + c, y5 = y4 + c;
-  switch (adds) {
-    case 0: RUN(NO_ADD, NO_ADD, NO_ADD, NO_ADD, NO_ADD, NO_ADD, NO_ADD, NO_ADD) break;
-    case 1: RUN(ADDED(y0), NO_ADD, NO_ADD, NO_ADD, NO_ADD, NO_ADD, NO_ADD, NO_ADD) break;
-    case 2: RUN(ADDED(y0), NO_ADD, NO_ADD, NO_ADD, ADDED(y1), NO_ADD, NO_ADD, NO_ADD) break;
-    case 3: RUN(ADDED(y0), NO_ADD, NO_ADD, ADDED(y1), NO_ADD, NO_ADD, ADDED(y2), NO_ADD) break;
-    case 4: RUN(ADDED(y0), NO_ADD, ADDED(y1), NO_ADD, ADDED(y2), NO_ADD, ADDED(y3), NO_ADD) break;
-    case 5: RUN(ADDED(y0), NO_ADD, ADDED(y1), ADDED(y2), NO_ADD, ADDED(y3), NO_ADD, ADDED(y4)) break;
-    case 6: RUN(ADDED(y0), ADDED(y1), NO_ADD, ADDED(y2), ADDED(y3), NO_ADD, ADDED(y4), ADDED(y5))
-      break;
-    case 7: RUN(ADDED(y0), ADDED(y1), ADDED(y2), ADDED(y3), ADDED(y4), ADDED(y5), ADDED(y0), NO_ADD)
-      break;
-    case 8: RUN(ADDED(y0), ADDED(y1), ADDED(y2), ADDED(y3), ADDED(y4), ADDED(y5), ADDED(y0),
-                ADDED(y1)) break;
-    case 9: RUN(ADDED(y0), ADDED(y1), ADDED(y2), ADDED(y3); ADDED(y4), ADDED(y5), ADDED(y0),
-                ADDED(y1), ADDED(y2)) break;
-    case 10: RUN(ADDED(y0), ADDED(y1); ADDED(y2), ADDED(y3), ADDED(y4), ADDED(y5), ADDED(y0);
-                 ADDED(y1), ADDED(y2), ADDED(y3)) break;
-    case 11: RUN(ADDED(y0), ADDED(y1); ADDED(y2), ADDED(y3), ADDED(y4); ADDED(y5), ADDED(y0),
-                 ADDED(y1); ADDED(y2), ADDED(y3), ADDED(y4)) break;
-    default: RUN(ADDED(y0); ADDED(y1), ADDED(y2), ADDED(y3); ADDED(y4), ADDED(y5), ADDED(y0);
-                 ADDED(y1), ADDED(y2), ADDED(y3); ADDED(y4), ADDED(y5)) break;
+  // x = x/2 + 1/2 tends to 1; products shrink it by 2 each and the next multiply-adds bring it back.
+  const realv c = broadcast(R(0.5)) + load_lanes(at);
+  realv x0 = c, x1 = x0 + c, x2 = x1 + c, x3 = x2 + c, x4 = x3 + c, x5 = x4 + c, x6 = x5 + c, x7 =
+        x6 + c, x8 = x7 + c, x9 = x8 + c, x10 = x9 + c, x11 = x10 + c, x12 = x11 + c, x13 = x12 + c;
+  switch (adding) {
+    case 0: RUN(CHAINS_0)
+    case 1: RUN(CHAINS_1)
+    case 2: RUN(CHAINS_2)
+    case 3: RUN(CHAINS_3)
+    case 4: RUN(CHAINS_4)
+    case 5: RUN(CHAINS_5)
+    case 6: RUN(CHAINS_6)
+    case 7: RUN(CHAINS_7)
+    default: RUN(CHAINS_8)
   }
-  store_lanes(x0 + x1 + x2 + x3 + x4 + x5 + x6 + x7 + y0 + y1 + y2 + y3 + y4 + y5,
-              at + (long)n_items * ROW_REALS);
+  store_lanes(x0 + x1 + x2 + x3 + x4 + x5 + x6 + x7 + x8 + x9 + x10 + x11 + x12 + x13, at +
+              (long)n_items * ROW_REALS);
 }

@@ -12,10 +12,10 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-constexpr int kChains = 8;          // products of a group in roofline_mixed
-constexpr int kGroups = 2;          // groups an iteration of its inner loops
-constexpr int kLargestAdds = 12;    // additions a group
-constexpr int kLargestPeriod = 12;  // groups of multiply-adds and products a round, together
+constexpr int kChains = 14;        // of roofline_mixed
+constexpr int kRepeats = 4;        // of all chains an iteration of its inner loops
+constexpr int kMostAdding = 8;     // chains
+constexpr int kLargestPeriod = 8;  // iterations of the two inner loops together
 constexpr int kRounds = 2000;
 // Pieces of an array: enough to level threads out; and work-items that fill any GPU.
 constexpr std::size_t kPiecesPerUnit = 8, kItemsPerUnit = 2048, kGroupSize = 64;
@@ -64,7 +64,7 @@ Roofline::Roofline(std::shared_ptr<Device> device, Precision precision, std::siz
   axpy_ = memory_block("roofline_axpy");
   copy_ = memory_block("roofline_copy");
 
-  // The nearest mix of whole groups.
+  // The nearest mix of whole chains and iterations.
   const double multiplying = mix.fused + mix.multiplied, share = mix.fused / multiplying;
   int fused = 1, period = 1;
   for (int n = 1; n <= kLargestPeriod; ++n) {
@@ -72,19 +72,20 @@ Roofline::Roofline(std::shared_ptr<Device> device, Precision precision, std::siz
     if (std::abs(share - double(f) / n) + 1e-9 < std::abs(share - double(fused) / period))
       fused = f, period = n;
   }
-  const int adds =
-      std::clamp(static_cast<int>(std::lround(kChains * mix.added / multiplying)), 0, kLargestAdds);
-  mix_ = {double(fused) * kChains, double(period - fused) * kChains, double(period) * adds};
+  const int adding =
+      std::clamp(static_cast<int>(std::lround(kChains * mix.added / mix.total())), 0, kMostAdding);
+  const int others = kChains - adding;
+  mix_ = {double(fused) * others, double(period - fused) * others, double(period) * adding};
   arithmetic_items_ = units * (rows ? kPiecesPerUnit : kItemsPerUnit);
   instructions_a_pass_ =
-      mix_.total() * kGroups * kRounds * double(arithmetic_items_) * double(width);
+      mix_.total() * kRepeats * kRounds * double(arithmetic_items_) * double(width);
   out_ = device_->allocate(2 * arithmetic_items_ * width * real);
   mixed_ =
       std::make_unique<Block>(Block{program_->kernel("roofline_mixed"), arithmetic_items_, local});
   mixed_->kernel->set_arg(0, *out_);
   unsigned argument = 1;
   for (const int value :
-       {static_cast<int>(arithmetic_items_), kRounds, fused, period - fused, adds})
+       {static_cast<int>(arithmetic_items_), kRounds, fused, period - fused, adding})
     mixed_->kernel->set_arg(argument++, static_cast<std::int32_t>(value));
 }
 
