@@ -6,6 +6,8 @@
 #include <string>
 
 #include "backend/roofline.hpp"
+#include "bench/measure.hpp"
+#include "bench/workloads.hpp"
 #include "core/error.hpp"
 #include "sim/operation_count.hpp"
 
@@ -56,4 +58,32 @@ void define_roofline(py::module_& module) {
       py::arg("model"), py::kw_only(), py::arg("physical"), py::arg("axis_order"),
       "Vector instructions of one step of the row kernels by kind, per element: the kernels' own "
       "text, counted as it runs.");
+
+  module.def("workload_names", &bench::workload_names, "What bench_measure knows.");
+  module.def("workload_elements", &bench::workload_elements, py::arg("workload"),
+             "Its number of elements.");
+  module.def(
+      "bench_measure",
+      [](std::shared_ptr<Device> device, const std::string& workload, std::size_t elements,
+         bool physical, bool is_double, bool rows, bool gather, int rounds, double seconds,
+         bool checks) {
+        bench::MeasureOptions options;
+        options.make = [=](std::size_t wanted) {
+          return bench::make_workload(workload, wanted ? wanted : elements);
+        };
+        options.simulator.hourglass = physical ? HourglassForm::kPhysical : HourglassForm::kKappa;
+        options.simulator.precision = is_double ? Precision::kDouble : Precision::kSingle;
+        options.simulator.kernels = rows     ? KernelPath::kRows
+                                    : gather ? KernelPath::kGather
+                                             : KernelPath::kAuto;
+        options.rounds = rounds;
+        options.block_seconds = seconds;
+        options.checks = checks;
+        return bench::measure(std::move(device), options);
+      },
+      py::arg("device"), py::arg("workload"), py::kw_only(), py::arg("elements") = 0,
+      py::arg("physical") = true, py::arg("is_double") = false, py::arg("rows") = false,
+      py::arg("gather") = false, py::arg("rounds") = 7, py::arg("seconds") = 0.1,
+      py::arg("checks") = true, ReleaseGil(),
+      "Times a workload beside the roofline and checks the run; a JSON object.");
 }

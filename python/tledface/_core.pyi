@@ -219,6 +219,21 @@ class Roofline:
 def operations_per_element(
     model: VoxelModel, *, physical: bool, axis_order: Sequence[int]
 ) -> dict[str, float]: ...
+def workload_names() -> list[str]: ...
+def workload_elements(workload: str) -> int: ...
+def bench_measure(
+    device: Device,
+    workload: str,
+    *,
+    elements: int = 0,
+    physical: bool = True,
+    is_double: bool = False,
+    rows: bool = False,
+    gather: bool = False,
+    rounds: int = 7,
+    seconds: float = 0.1,
+    checks: bool = True,
+) -> str: ...
 
 # bind_simulator.cpp
 

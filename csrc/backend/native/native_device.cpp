@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "backend/device.hpp"
+#include "backend/launch_log.hpp"
 #include "backend/native/kernel_table.hpp"
 #include "backend/native/operation_counts.hpp"
 #include "core/error.hpp"
@@ -139,9 +140,15 @@ class NativeKernel final : public Kernel {
                               std::to_string(index) + " is not bound");
     // A work-item is a band of rows where speed matters; many small ones go in chunks.
     const std::size_t grain = n_items > 4096 || local_size > 1 ? 256 : 1;
-    parallel_for_chunks(n_items, grain, [&](std::size_t begin, std::size_t end) {
-      entry_.run(args_.data(), begin, end);
-    });
+    const auto launch = [&] {
+      parallel_for_chunks(n_items, grain, [&](std::size_t begin, std::size_t end) {
+        entry_.run(args_.data(), begin, end);
+      });
+    };
+    if (active_launch_log())
+      logged_launch(entry_.name, launch, [] {});
+    else
+      launch();
   }
 
  private:
