@@ -30,7 +30,6 @@ constexpr std::size_t kLarge = 2000000, kCountedElements = 130000;
 constexpr std::size_t kCheckedSteps = 50, kFewSteps = 10, kProfiledSteps = 20;
 // Share of the largest energy that may be missing after the checked steps.
 constexpr double kEnergyBound = 0.02;
-constexpr std::size_t kBeyondCaches = std::size_t(512) << 20;  // bytes of two arrays
 
 double seconds_since(Clock::time_point begin) {
   return std::chrono::duration<double>(Clock::now() - begin).count();
@@ -122,11 +121,11 @@ std::string measure(std::shared_ptr<Device> device, const MeasureOptions& option
   const double bytes = bytes_floor(workload.model, muscle_elements, options.simulator.precision);
 
   // Arrays as large as the solver's own, up to what no cache holds.
-  const std::size_t own_bytes = std::min(sim.device_bytes(), kBeyondCaches);
+  const std::size_t own_bytes = std::min(sim.device_bytes(), options.array_bytes);
   Roofline roofline(device, options.simulator.precision, own_bytes, mix);
-  Roofline beyond(device, options.simulator.precision, kBeyondCaches, mix);
+  Roofline beyond(device, options.simulator.precision, options.array_bytes, mix);
   const bool on_host = device->info().kind == "native" || device->info().kind == "cpu";
-  HostCopy host_copy;
+  HostCopy host_copy(options.array_bytes / 2);
   const bool compare_threads = device->info().kind == "native" && thread_count() > 1;
 
   const double wanted = options.block_seconds;

@@ -17,7 +17,9 @@ struct MeasureOptions {
   std::function<Workload(std::size_t)> make;
   int rounds = 7;
   double block_seconds = 0.1;  // of each block of a round
-  bool checks = true;          // energy, float64; the repeat is always checked
+  // Of the two arrays that no cache holds, together; copies take as much.
+  std::size_t array_bytes = std::size_t(512) << 20;
+  bool checks = true;  // energy, float64; the repeat is always checked
 };
 
 // A JSON object; its keys are in bench/README.md. SimulationError where the state is not finite.

@@ -66,7 +66,7 @@ void define_roofline(py::module_& module) {
       "bench_measure",
       [](std::shared_ptr<Device> device, const std::string& workload, std::size_t elements,
          bool physical, bool is_double, bool rows, bool gather, int rounds, double seconds,
-         bool checks) {
+         bool checks, std::size_t array_bytes) {
         bench::MeasureOptions options;
         options.make = [=](std::size_t wanted) {
           return bench::make_workload(workload, wanted ? wanted : elements);
@@ -79,11 +79,12 @@ void define_roofline(py::module_& module) {
         options.rounds = rounds;
         options.block_seconds = seconds;
         options.checks = checks;
+        options.array_bytes = array_bytes;
         return bench::measure(std::move(device), options);
       },
       py::arg("device"), py::arg("workload"), py::kw_only(), py::arg("elements") = 0,
       py::arg("physical") = true, py::arg("is_double") = false, py::arg("rows") = false,
       py::arg("gather") = false, py::arg("rounds") = 7, py::arg("seconds") = 0.1,
-      py::arg("checks") = true, ReleaseGil(),
+      py::arg("checks") = true, py::arg("array_bytes") = std::size_t(512) << 20, ReleaseGil(),
       "Times a workload beside the roofline and checks the run; a JSON object.");
 }

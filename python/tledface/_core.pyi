@@ -233,6 +233,7 @@ def bench_measure(
     rounds: int = 7,
     seconds: float = 0.1,
     checks: bool = True,
+    array_bytes: int = ...,
 ) -> str: ...
 
 # bind_simulator.cpp
