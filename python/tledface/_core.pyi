@@ -233,7 +233,7 @@ def bench_measure(
     rounds: int = 7,
     seconds: float = 0.1,
     checks: bool = True,
-    array_bytes: int = ...,
+    array_bytes: int = 536870912,
 ) -> str: ...
 
 # bind_simulator.cpp
