@@ -133,10 +133,10 @@ double StepLimiter::highest_square(const std::vector<double>& u, const std::vect
   // Where the host has component i of the nodal vectors.
   std::array<std::size_t, 3> axis{};
   for (std::size_t a = 0; a < 3; ++a) axis[arrays_.order[a]] = a;
-  std::vector<std::size_t> place(n);
+  std::vector<std::uint32_t> place(n);  // blocks are few enough, see place_voxels
   for_each(n, [&](std::size_t i) {
     const std::size_t slot = arrays_.node_slot[i / 3];
-    place[i] = (slot / lanes * 3 + axis[i % 3]) * lanes + slot % lanes;
+    place[i] = static_cast<std::uint32_t>((slot / lanes * 3 + axis[i % 3]) * lanes + slot % lanes);
   });
   double* const moved = host_->displacement_in_place();
   for_each(n, [&](std::size_t i) { moved[place[i]] = u[i]; });
@@ -145,9 +145,8 @@ double StepLimiter::highest_square(const std::vector<double>& u, const std::vect
   for_each(n, [&](std::size_t i) { force[i] = pushed[place[i]]; });
   const double edge = model_.shortest_edge();
   std::vector<double> alpha, beta;
+  double largest = largest_of(n, [&](std::size_t i) { return std::abs(inverse_root[i] * q[i]); });
   for (int iteration = 0; iteration < kMostIterations; ++iteration) {
-    const double largest =
-        largest_of(n, [&](std::size_t i) { return std::abs(inverse_root[i] * q[i]); });
     const double step = kDifference * edge / largest;
     for_each(n, [&](std::size_t i) { moved[place[i]] = u[i] + step * inverse_root[i] * q[i]; });
     pushed = host_->instant_force_in_place({}, activations);
@@ -167,7 +166,10 @@ double StepLimiter::highest_square(const std::vector<double>& u, const std::vect
       return (1 + kMargin) * (ritz.value + residual);
     beta.push_back(rest);
     before.swap(q);
-    for_each(n, [&](std::size_t i) { q[i] = w[i] / rest; });
+    largest = largest_of(n, [&](std::size_t i) {
+      q[i] = w[i] / rest;
+      return std::abs(inverse_root[i] * q[i]);
+    });
   }
   return HUGE_VAL;
 }

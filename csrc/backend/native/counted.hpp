@@ -1,11 +1,26 @@
-// A row of one lane that counts what is done with it, for shim.hpp with TLED_COUNTED: the kernels'
-// own text then says how many vector instructions an element costs. Products that are only added to
-// something become multiply-adds, as -ffp-contract=fast makes them: all of a product's uses, or
-// none.
+// The twin of shim.hpp, with the same words, whose rows have one lane and count what is done with
+// them: the kernels' own text then says how many vector instructions an element costs. Products
+// that are only added to something become multiply-adds, as -ffp-contract=fast makes them: all of a
+// product's uses, or none.
 #pragma once
+#include <utility>
+
 #include "backend/native/operation_counts.hpp"
 
+#define TLED_OPENCL 0
+#define TLED_VECTOR_ROWS 1
+#define __kernel static
+#define __global
+#define restrict __restrict__
+
 namespace {
+
+typedef float real;
+#define R(x) (static_cast<real>(x))
+
+thread_local unsigned long current_item = 0;
+inline unsigned long get_global_id(unsigned) { return current_item; }
+inline void prefetch_line(const real*) {}
 
 thread_local tledface::native::OperationCounts counts;
 

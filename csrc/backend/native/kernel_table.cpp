@@ -3,9 +3,11 @@
 // with TLED_COUNTED, where a row counts what is done with it.
 #include "backend/native/kernel_table.hpp"
 
-#include <utility>
-
+#if TLED_COUNTED
+#include "backend/native/counted.hpp"
+#else
 #include "backend/native/shim.hpp"
+#endif
 
 #if defined(__SSE__)
 #include <xmmintrin.h>

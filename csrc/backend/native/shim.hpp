@@ -22,14 +22,12 @@ typedef float real;
 #endif
 #define R(x) (static_cast<real>(x))
 
-thread_local unsigned long current_item = 0;
-inline unsigned long get_global_id(unsigned) { return current_item; }
-inline void prefetch_line(const real* p) { __builtin_prefetch(p, 1); }
-
-#if !TLED_COUNTED
 typedef real realv __attribute__((vector_size(sizeof(real) * TLED_LANES)));
 // Loads and stores go through this type: rows of a block are aligned and alias plain reals.
 typedef real realv_in_memory __attribute__((vector_size(sizeof(real) * TLED_LANES), may_alias));
+
+thread_local unsigned long current_item = 0;
+inline unsigned long get_global_id(unsigned) { return current_item; }
 
 inline realv broadcast(real x) { return x - realv{}; }
 inline realv load_lanes(const real* p) { return *reinterpret_cast<const realv_in_memory*>(p); }
@@ -42,6 +40,7 @@ inline realv gather_lanes(const real* p, const int* at) {
 inline void scatter_lanes(realv v, real* p, const int* at) {
   for (int lane = 0; lane < TLED_LANES; ++lane) p[at[lane]] = v[lane];
 }
+inline void prefetch_line(const real* p) { __builtin_prefetch(p, 1); }
 inline int all_below(realv a, realv b) {
   const auto below = a < b;
   int all = 1;
@@ -99,10 +98,5 @@ inline realv natural_exp(realv x) {
   return y;
 }
 inline realv absolute(realv x) { return x < 0 ? -x : x; }
-#endif
 
 }  // namespace
-
-#if TLED_COUNTED
-#include "backend/native/counted.hpp"
-#endif
