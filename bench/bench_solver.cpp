@@ -1,8 +1,9 @@
 // bench_solver [--workload NAME] [--elements N] [--device SPEC] [--hourglass physical|kappa]
-//              [--kernels auto|rows|gather] [--double] [--bands N] [--rounds R] [--seconds S]
-//              [--no-checks] [--cells NX NY NZ] [--no-muscle] [--laws sorted|scattered]
+//              [--kernels auto|rows|gather] [--double] [--bands N] [--repeats R] [--steps N]
+//              [--seconds S] [--no-checks] [--cells NX NY NZ] [--no-muscle] [--laws
+//              sorted|scattered]
 // What `tledface bench --workload` measures, without Python: prints one JSON object. For profilers,
-// --rounds 1 --no-checks and a long --seconds leave little but steps. --cells, --no-muscle and
+// --repeats 1 --no-checks and many --steps leave little but steps. --cells, --no-muscle and
 // --laws make a flat block of another size, without its muscle, and with a second law in half of
 // its elements.
 #include <algorithm>
@@ -64,8 +65,10 @@ int run(int argc, char** argv) {
       simulator.precision = Precision::kDouble;
     else if (word == "--bands")
       simulator.n_bands = static_cast<std::size_t>(whole());
-    else if (word == "--rounds")
+    else if (word == "--repeats")
       options.rounds = static_cast<int>(whole());
+    else if (word == "--steps")
+      options.block_steps = static_cast<std::size_t>(whole());
     else if (word == "--seconds")
       options.block_seconds = std::atof(next().c_str());
     else if (word == "--no-checks")

@@ -137,9 +137,10 @@ std::string measure(std::shared_ptr<Device> device, const MeasureOptions& option
     run.finish();
     return seconds_since(from) / static_cast<double>(steps);
   };
-  std::size_t steps = std::max<std::size_t>(1, large ? 1 : 10);
-  steps = static_cast<std::size_t>(
-      std::clamp(std::ceil(wanted / solver_block(steps)), 1.0, large ? 50.0 : 5000.0));
+  std::size_t steps = options.block_steps;
+  if (steps == 0)
+    steps = static_cast<std::size_t>(
+        std::clamp(std::ceil(wanted / solver_block(large ? 1 : 10)), 1.0, large ? 50.0 : 5000.0));
   Rounds r;
   for (int round = 0; round < options.rounds; ++round) {
     r.axpy.push_back(roofline.axpy(wanted));

@@ -48,7 +48,7 @@ def bench(
         ),
     ] = None,
     every: Annotated[
-        bool, typer.Option("--all", help="All of those: some minutes, 10 GB of memory.")
+        bool, typer.Option("--all", help="All of those: some minutes, 11 GB of memory.")
     ] = False,
     sizes: Annotated[
         bool,
