@@ -4,6 +4,7 @@
 
 #include <map>
 #include <string>
+#include <utility>
 
 #include "backend/roofline.hpp"
 #include "bench/measure.hpp"
@@ -12,6 +13,18 @@
 #include "sim/operation_count.hpp"
 
 namespace py = pybind11;
+
+namespace {
+
+tledface::KernelPath kernel_path(const std::string& got) {
+  for (const auto& [name, path] : {std::pair("auto", tledface::KernelPath::kAuto),
+                                   std::pair("rows", tledface::KernelPath::kRows),
+                                   std::pair("gather", tledface::KernelPath::kGather)})
+    if (got == name) return path;
+  throw tledface::InputError("kernels: got '" + got + "', allowed are 'auto', 'rows', 'gather'");
+}
+
+}  // namespace
 
 void define_roofline(py::module_& module) {
   using namespace tledface;
@@ -65,7 +78,7 @@ void define_roofline(py::module_& module) {
   module.def(
       "bench_measure",
       [](std::shared_ptr<Device> device, const std::string& workload, std::size_t elements,
-         bool physical, bool is_double, bool rows, bool gather, int rounds, double seconds,
+         bool physical, bool is_double, const std::string& kernels, int rounds, double seconds,
          bool checks, std::size_t array_bytes) {
         bench::MeasureOptions options;
         options.make = [=](std::size_t wanted) {
@@ -73,9 +86,7 @@ void define_roofline(py::module_& module) {
         };
         options.simulator.hourglass = physical ? HourglassForm::kPhysical : HourglassForm::kKappa;
         options.simulator.precision = is_double ? Precision::kDouble : Precision::kSingle;
-        options.simulator.kernels = rows     ? KernelPath::kRows
-                                    : gather ? KernelPath::kGather
-                                             : KernelPath::kAuto;
+        options.simulator.kernels = kernel_path(kernels);
         options.rounds = rounds;
         options.block_seconds = seconds;
         options.checks = checks;
@@ -83,8 +94,8 @@ void define_roofline(py::module_& module) {
         return bench::measure(std::move(device), options);
       },
       py::arg("device"), py::arg("workload"), py::kw_only(), py::arg("elements") = 0,
-      py::arg("physical") = true, py::arg("is_double") = false, py::arg("rows") = false,
-      py::arg("gather") = false, py::arg("rounds") = 7, py::arg("seconds") = 0.1,
-      py::arg("checks") = true, py::arg("array_bytes") = std::size_t(512) << 20, ReleaseGil(),
+      py::arg("physical") = true, py::arg("is_double") = false, py::arg("kernels") = "auto",
+      py::arg("rounds") = 7, py::arg("seconds") = 0.1, py::arg("checks") = true,
+      py::arg("array_bytes") = std::size_t(512) << 20, ReleaseGil(),
       "Times a workload beside the roofline and checks the run; a JSON object.");
 }

@@ -49,7 +49,7 @@ def measure(
         device: As `tledface.Simulator` takes it.
         hourglass: ``"physical"`` or ``"joldes"``.
         precision: ``"single"`` or ``"double"``.
-        kernels: ``"auto"``, ``"rows"`` or ``"gather"``.
+        kernels: As `tledface.Simulator` takes them.
         elements: About how many instead of the workload's own, of the same thickness.
         rounds: Of blocks taken in turns.
         seconds: Of each block.
@@ -63,7 +63,6 @@ def measure(
     for name, got, allowed in (
         ("hourglass", hourglass, ("physical", "joldes")),
         ("precision", precision, ("single", "double")),
-        ("kernels", kernels, ("auto", "rows", "gather")),
     ):
         if got not in allowed:
             raise InputError(f"{name}: got {got!r}; allowed: {', '.join(allowed)}")
@@ -73,8 +72,7 @@ def measure(
         elements=elements or 0,
         physical=hourglass == "physical",
         is_double=precision == "double",
-        rows=kernels == "rows",
-        gather=kernels == "gather",
+        kernels=kernels,
         rounds=rounds,
         seconds=seconds,
         checks=checks,
