@@ -17,14 +17,16 @@
 #define ROW_REALS 1
 #endif
 
-// y = y + a x in place: 3 reals an element.
+// y = y + a x in place, 3 reals an element, `passes` times: small arrays are not to measure launches.
 __kernel void roofline_axpy(__global const real* restrict x, __global real* restrict y, int n_rows,
-                            int n_items) {
+                            int n_items, int passes) {
   if ((int)get_global_id(0) >= n_items) return;
   const realv a = broadcast(R(1e-6));
-  FOR_ROWS_OF_ITEM(row) {
-    __global real* at = y + row * ROW_REALS;
-    store_lanes(load_lanes(at) + a * load_lanes(x + row * ROW_REALS), at);
+  for (int pass = 0; pass < passes; ++pass) {
+    FOR_ROWS_OF_ITEM(row) {
+      __global real* at = y + row * ROW_REALS;
+      store_lanes(load_lanes(at) + a * load_lanes(x + row * ROW_REALS), at);
+    }
   }
 }
 

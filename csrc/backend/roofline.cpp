@@ -17,6 +17,8 @@ constexpr int kRepeats = 4;        // of all chains an iteration of its inner lo
 constexpr int kMostAdding = 8;     // chains
 constexpr int kLargestPeriod = 8;  // iterations of the two inner loops together
 constexpr int kRounds = 2000;
+// Bytes of both arrays that a launch of axpy goes over at least, in several passes if need be.
+constexpr std::size_t kBytesALaunch = std::size_t(32) << 20;
 // Pieces of an array: enough to level threads out; and work-items that fill any GPU.
 constexpr std::size_t kPiecesPerUnit = 8, kItemsPerUnit = 2048, kGroupSize = 64;
 
@@ -30,7 +32,7 @@ double seconds_since(Clock::time_point begin) {
 struct Roofline::Block {
   std::unique_ptr<Kernel> kernel;
   std::size_t n_items, local_size;
-  double seconds_a_pass = 0;
+  double seconds_a_launch = 0;
 };
 
 Roofline::Roofline(std::shared_ptr<Device> device, Precision precision, std::size_t bytes,
@@ -62,6 +64,8 @@ Roofline::Roofline(std::shared_ptr<Device> device, Precision precision, std::siz
     return block;
   };
   axpy_ = memory_block("roofline_axpy");
+  axpy_passes_ = std::max<std::size_t>(1, kBytesALaunch / (2 * n_reals_ * real));
+  axpy_->kernel->set_arg(4, static_cast<std::int32_t>(axpy_passes_));
   copy_ = memory_block("roofline_copy");
 
   // The nearest mix of whole chains and iterations.
@@ -77,7 +81,7 @@ Roofline::Roofline(std::shared_ptr<Device> device, Precision precision, std::siz
   const int others = kChains - adding;
   mix_ = {double(fused) * others, double(period - fused) * others, double(period) * adding};
   arithmetic_items_ = units * (rows ? kPiecesPerUnit : kItemsPerUnit);
-  instructions_a_pass_ =
+  instructions_a_launch_ =
       mix_.total() * kRepeats * kRounds * double(arithmetic_items_) * double(width);
   out_ = device_->allocate(2 * arithmetic_items_ * width * real);
   mixed_ =
@@ -91,36 +95,37 @@ Roofline::Roofline(std::shared_ptr<Device> device, Precision precision, std::siz
 
 Roofline::~Roofline() { device_->finish(); }
 
-double Roofline::passes_per_second(Block& block, double seconds) {
-  const auto run = [&](int passes) {
+double Roofline::launches_per_second(Block& block, double seconds) {
+  const auto run = [&](int launches) {
     device_->finish();
     const auto begin = Clock::now();
-    for (int pass = 0; pass < passes; ++pass)
+    for (int i = 0; i < launches; ++i)
       block.kernel->enqueue(block.n_items, block.local_size);
     device_->finish();
-    return seconds_since(begin) / passes;
+    return seconds_since(begin) / launches;
   };
-  if (block.seconds_a_pass == 0) {
+  if (block.seconds_a_launch == 0) {
     run(1);
-    block.seconds_a_pass = run(1);
+    block.seconds_a_launch = run(1);
   }
-  const double wanted = seconds / std::max(block.seconds_a_pass, 1e-7);
+  const double wanted = seconds / std::max(block.seconds_a_launch, 1e-7);
   const double taken = run(static_cast<int>(std::clamp(wanted, 1.0, 1e6)));
-  // A pass that was held up would shorten all later blocks.
-  block.seconds_a_pass = std::min(block.seconds_a_pass, taken);
+  // A launch that was held up would shorten all later blocks.
+  block.seconds_a_launch = std::min(block.seconds_a_launch, taken);
   return 1 / taken;
 }
 
 double Roofline::axpy(double seconds) {
-  return 3 * double(n_reals_ * real_size(precision_)) * passes_per_second(*axpy_, seconds) / 1e9;
+  return 3 * double(n_reals_ * real_size(precision_)) * double(axpy_passes_) *
+         launches_per_second(*axpy_, seconds) / 1e9;
 }
 
 double Roofline::copy(double seconds) {
-  return 2 * double(n_reals_ * real_size(precision_)) * passes_per_second(*copy_, seconds) / 1e9;
+  return 2 * double(n_reals_ * real_size(precision_)) * launches_per_second(*copy_, seconds) / 1e9;
 }
 
 double Roofline::instructions(double seconds) {
-  return instructions_a_pass_ * passes_per_second(*mixed_, seconds) / 1e9;
+  return instructions_a_launch_ * launches_per_second(*mixed_, seconds) / 1e9;
 }
 
 }  // namespace tledface

@@ -23,7 +23,7 @@ class Roofline {
            const InstructionMix& mix);
   ~Roofline();
 
-  // Each a block of about so many seconds, launches of one pass over the arrays each:
+  // Each a block of launches for about so many seconds:
   double axpy(double seconds);  // GB/s of y += a x: read x and y, write y
   double copy(double seconds);  // GB/s of y = x: read x, write y
   // Instructions a second, each on one real (a vector instruction of 8 lanes counts 8), in G.
@@ -33,13 +33,13 @@ class Roofline {
 
  private:
   struct Block;
-  double passes_per_second(Block& block, double seconds);
+  double launches_per_second(Block& block, double seconds);
 
   std::shared_ptr<Device> device_;
   Precision precision_;
   InstructionMix mix_;
-  std::size_t n_items_ = 0, n_reals_ = 0, arithmetic_items_ = 0;
-  double instructions_a_pass_ = 0;
+  std::size_t n_items_ = 0, n_reals_ = 0, arithmetic_items_ = 0, axpy_passes_ = 1;
+  double instructions_a_launch_ = 0;
   std::unique_ptr<Program> program_;
   std::unique_ptr<Buffer> x_, y_, out_;
   std::unique_ptr<Block> axpy_, copy_, mixed_;
