@@ -77,7 +77,8 @@ double bytes_floor(const VoxelModel& model, std::size_t muscle_elements, Precisi
 // What a round found.
 struct Rounds {
   std::vector<double> axpy, axpy_large, arithmetic, copy, seconds, one_thread;
-  std::vector<double> fraction, bytes_fraction, arithmetic_fraction, effective_bytes, thread_ratio;
+  std::vector<double> fraction, bytes_fraction, arithmetic_fraction, effective_bytes, thread_ratio,
+      one_thread_fraction;
 };
 
 }  // namespace
@@ -152,6 +153,9 @@ std::string measure(std::shared_ptr<Device> device, const MeasureOptions& option
     if (compare_threads) {
       limit_threads(1);
       r.one_thread.push_back(solver_block(std::max<std::size_t>(1, steps / 2)));
+      const double bytes_time = bytes * n / (roofline.axpy(wanted) * 1e9),
+                   arithmetic_time = instructions * n / (roofline.instructions(wanted) * 1e9);
+      r.one_thread_fraction.push_back(std::max(bytes_time, arithmetic_time) / r.one_thread.back());
       limit_threads(0);
       r.thread_ratio.push_back(r.one_thread.back() / seconds);
     }
@@ -238,6 +242,8 @@ std::string measure(std::shared_ptr<Device> device, const MeasureOptions& option
       .add("roofline_fraction_range", range(r.fraction));
   if (compare_threads)
     result.add("one_thread_ms_per_step", median(r.one_thread) * 1e3)
+        .add("one_thread_roofline_fraction", median(r.one_thread_fraction))
+        .add("one_thread_roofline_fraction_range", range(r.one_thread_fraction))
         .add("thread_ratio", median(r.thread_ratio))
         .add("thread_ratio_range", range(r.thread_ratio));
   result.add("launches_per_step", double(launches) / double(profiled))

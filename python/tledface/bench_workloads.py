@@ -192,8 +192,8 @@ def table(result: dict[str, Any]) -> str:
     if rows:
         lines += [
             "| workload | elements | sliding | form | ms a step | M elem-steps/s | of roofline "
-            "| bound by | effective bytes | fill | one thread / all | launches |",
-            "|---|---|---|---|---|---|---|---|---|---|---|---|",
+            "| one thread | bound by | effective bytes | fill | one thread / all | launches |",
+            "|---|---|---|---|---|---|---|---|---|---|---|---|---|",
             *(_speed_row(row) for row in rows),
             "",
             "| workload | form | repeats | off float64 (steps) | energy missing | bytes, floor "
@@ -210,10 +210,12 @@ def _speed_row(row: dict[str, Any]) -> str:
     low, high = row["roofline_fraction_range"]
     by = "bytes" if row["bytes_fraction"] > row["arithmetic_fraction"] else "arithmetic"
     ratio = f"{row['thread_ratio']:.2f}" if "thread_ratio" in row else ""
+    one = row.get("one_thread_roofline_fraction")
+    alone = "" if one is None else f"{one:.2f}"
     return (
         f"| {row['workload']} | {row['elements']:,} | {row['sliding_nodes']:,} | "
         f"{row['hourglass']} | {row['ms_per_step']:.3f} | {row['melem_steps_per_s']:.0f} | "
-        f"{row['roofline_fraction']:.2f} ({low:.2f} to {high:.2f}) | {by} | "
+        f"{row['roofline_fraction']:.2f} ({low:.2f} to {high:.2f}) | {alone} | {by} | "
         f"{row['effective_bytes']:.0f} | {row['fill']:.0%} | {ratio} | "
         f"{row['launches_per_step']:g} |"
     )
