@@ -99,8 +99,7 @@ double Roofline::launches_per_second(Block& block, double seconds) {
   const auto run = [&](int launches) {
     device_->finish();
     const auto begin = Clock::now();
-    for (int i = 0; i < launches; ++i)
-      block.kernel->enqueue(block.n_items, block.local_size);
+    for (int i = 0; i < launches; ++i) block.kernel->enqueue(block.n_items, block.local_size);
     device_->finish();
     return seconds_since(begin) / launches;
   };
