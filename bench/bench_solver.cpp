@@ -1,97 +1,110 @@
-// bench_solver [--device SPEC] [--cells NX NY NZ] [--steps N] [--hourglass physical|kappa]
-//              [--kernels auto|rows|gather] [--double] [--no-muscle] [--laws sorted|scattered]
-//              [--repeats R]
-// Steps a contracting skin block and prints one JSON object: speed beside the copy bandwidth of
-// the same run. The state is a realistic one: the muscle is contracted before the clock starts.
-#include <chrono>
+// bench_solver [--workload NAME] [--elements N] [--device SPEC] [--hourglass physical|kappa]
+//              [--kernels auto|rows|gather] [--double] [--bands N] [--repeats R] [--steps N]
+//              [--seconds S] [--no-checks] [--cells NX NY NZ] [--no-muscle] [--laws
+//              sorted|scattered]
+// What `tledface bench --workload` measures, without Python: prints one JSON object. For profilers,
+// --repeats 1 --no-checks and many --steps leave little but steps. --cells, --no-muscle and
+// --laws make a flat block of another size, without its muscle, and with a second law in half of
+// its elements.
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <string>
-#include <vector>
 
-#include "block_model.hpp"
-#include "core/bandwidth.hpp"
+#include "bench/block_model.hpp"
+#include "bench/measure.hpp"
 #include "core/error.hpp"
-#include "core/threads.hpp"
-#include "sim/simulator.hpp"
 
 using namespace tledface;
-using Clock = std::chrono::steady_clock;
 
 namespace {
 
-double seconds_since(Clock::time_point begin) {
-  return std::chrono::duration<double>(Clock::now() - begin).count();
-}
-
 int run(int argc, char** argv) {
-  int nx = 120, ny = 120, nz = 9, steps = 300, repeats = 5;
-  bool with_muscle = true;
-  std::string laws;
-  std::string spec = "native";
-  SimulatorOptions options;
+  bench::MeasureOptions options;
+  SimulatorOptions& simulator = options.simulator;
+  std::string spec = "native", workload = "flat-block", laws;
+  std::size_t elements = 0;
+  int nx = 120, ny = 120, nz = 9;
+  bool own_block = false, with_muscle = true;
   for (int i = 1; i < argc; ++i) {
     const std::string word = argv[i];
     const auto next = [&]() -> std::string {
       if (i + 1 >= argc) throw InputError(word + ": a value is missing");
       return argv[++i];
     };
-    if (word == "--device")
+    const auto whole = [&]() -> long {
+      const std::string text = next();
+      char* end = nullptr;
+      const long value = std::strtol(text.c_str(), &end, 10);
+      if (*end || value < 1)
+        throw InputError(word + ": got '" + text + "', allowed is a whole number from 1");
+      return value;
+    };
+    const auto one_of = [&](const std::string& a, const std::string& b, const std::string& c) {
+      const std::string text = next();
+      if (text == a || text == b || (!c.empty() && text == c)) return text;
+      throw InputError(word + ": got '" + text + "', allowed are " + a + ", " + b +
+                       (c.empty() ? "" : ", " + c));
+    };
+    if (word == "--workload")
+      workload = next();
+    else if (word == "--elements")
+      elements = static_cast<std::size_t>(whole());
+    else if (word == "--device")
       spec = next();
-    else if (word == "--cells")
-      nx = std::stoi(next()), ny = std::stoi(next()), nz = std::stoi(next());
-    else if (word == "--steps")
-      steps = std::stoi(next());
-    else if (word == "--repeats")
-      repeats = std::stoi(next());
     else if (word == "--hourglass")
-      options.hourglass = next() == "kappa" ? HourglassForm::kKappa : HourglassForm::kPhysical;
+      simulator.hourglass = one_of("physical", "kappa", "") == "kappa" ? HourglassForm::kKappa
+                                                                       : HourglassForm::kPhysical;
     else if (word == "--kernels") {
-      const auto k = next();
-      options.kernels = k == "rows"     ? KernelPath::kRows
-                        : k == "gather" ? KernelPath::kGather
-                                        : KernelPath::kAuto;
-    } else if (word == "--bands")
-      options.n_bands = std::stoul(next());
-    else if (word == "--laws")
-      laws = next();
-    else if (word == "--double")
-      options.precision = Precision::kDouble;
-    else if (word == "--no-muscle")
+      const std::string path = one_of("auto", "rows", "gather");
+      simulator.kernels = path == "rows"     ? KernelPath::kRows
+                          : path == "gather" ? KernelPath::kGather
+                                             : KernelPath::kAuto;
+    } else if (word == "--double")
+      simulator.precision = Precision::kDouble;
+    else if (word == "--bands")
+      simulator.n_bands = static_cast<std::size_t>(whole());
+    else if (word == "--repeats")
+      options.rounds = static_cast<int>(whole());
+    else if (word == "--steps")
+      options.block_steps = static_cast<std::size_t>(whole());
+    else if (word == "--seconds")
+      options.block_seconds = std::atof(next().c_str());
+    else if (word == "--no-checks")
+      options.checks = false;
+    else if (word == "--cells") {
+      for (int* count : {&nx, &ny, &nz}) *count = static_cast<int>(whole());
+      own_block = true;
+    } else if (word == "--no-muscle") {
       with_muscle = false;
-    else
-      throw InputError("bench_solver: unknown option '" + word + "'");
+      own_block = true;
+    } else if (word == "--laws") {
+      laws = one_of("sorted", "scattered", "");
+      own_block = true;
+    } else
+      throw InputError("unknown option '" + word + "'");
   }
-  auto model = bench::flat_block(nx, ny, nz, with_muscle);
-  if (!laws.empty()) bench::mix_laws(model, laws == "scattered");
-  const double n_elements = static_cast<double>(model.n_elements());
-  auto device = open_device(spec);
-  Simulator sim(device, std::move(model), options);
-  sim.set_dt(0.8 * sim.bound_at_rest().dt);
-  const std::size_t n_muscles = sim.model().muscles.size();
-  const auto advance = [&](int n) {
-    sim.step(n, {std::vector<double>(std::size_t(n) * n_muscles, 0.3), {}, {}});
-    sim.finish();
-  };
-  advance(200);
-  double best = 1e30;
-  for (int repeat = 0; repeat < repeats; ++repeat) {
-    const auto begin = Clock::now();
-    advance(steps);
-    best = std::min(best, seconds_since(begin) / steps);
+  if (own_block) {
+    options.make = [=](std::size_t wanted) {
+      // Fewer elements: of the same thickness.
+      const double share =
+          wanted ? std::sqrt(std::min(1.0, double(wanted) / (double(nx) * ny * nz))) : 1;
+      bench::Workload block;
+      block.name = "flat-block " + std::to_string(nx) + "x" + std::to_string(ny) + "x" +
+                   std::to_string(nz) + (laws.empty() ? "" : " " + laws);
+      block.model = bench::flat_block(std::max(2, int(nx * share)), std::max(2, int(ny * share)),
+                                      nz, with_muscle);
+      if (!laws.empty()) bench::mix_laws(block.model, laws == "scattered");
+      block.activation = with_muscle ? 0.3 : 0;
+      return block;
+    };
+  } else {
+    options.make = [=](std::size_t wanted) {
+      return bench::make_workload(workload, wanted ? wanted : elements);
+    };
   }
-  const double copy = copy_bandwidth();
-  if (sim.first_non_finite_node() >= 0) throw SimulationError("the state is not finite");
-  std::printf(
-      "{\"device\": \"%s\", \"workload\": \"flat-block %dx%dx%d%s\", \"elements\": %.0f, "
-      "\"precision\": \"%s\", \"hourglass\": \"%s\", \"kernels\": \"%s\", \"fill\": %.3f, "
-      "\"ms_per_step\": %.4f, \"melem_steps_per_s\": %.1f, \"copy_gb_s\": %.1f, "
-      "\"effective_bytes\": %.1f, \"threads\": %zu}\n",
-      device->info().name.c_str(), nx, ny, nz, with_muscle ? " muscle" : "", n_elements,
-      options.precision == Precision::kSingle ? "single" : "double",
-      options.hourglass == HourglassForm::kPhysical ? "physical" : "kappa",
-      sim.uses_rows() ? "rows" : "gather", sim.arrays().fill(), best * 1e3, n_elements / best / 1e6,
-      copy, copy * 1e9 * best / n_elements, thread_count());
+  std::printf("%s\n", bench::measure(open_device(spec), options).c_str());
   return 0;
 }
 

@@ -74,6 +74,7 @@ struct ProgramOptions {
   bool laws = true;
   // Of a work-item, at most; 0, or where DeviceInfo::limits_registers is false: as compiled.
   int registers = 0;
+  std::string file = "program.cl";  // of the kernel folder; native programs have all kernels
 };
 
 class Program {

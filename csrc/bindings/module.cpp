@@ -11,6 +11,7 @@ void define_fibres(py::module_& module);
 void define_devices(py::module_& module);
 void define_kernel_choice(py::module_& module);
 void define_simulator(py::module_& module);
+void define_roofline(py::module_& module);
 
 PYBIND11_MODULE(_core, module) {
   module.doc() = "C++ core of tledface";
@@ -22,4 +23,5 @@ PYBIND11_MODULE(_core, module) {
   define_devices(module);
   define_kernel_choice(module);
   define_simulator(module);
+  define_roofline(module);
 }

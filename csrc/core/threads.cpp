@@ -29,6 +29,8 @@ constexpr auto kSpinTime = std::chrono::microseconds(200);
 
 thread_local bool inside_region = false;
 
+std::atomic<std::size_t> thread_limit{SIZE_MAX};
+
 void pause_cpu() {
 #if defined(__x86_64__)
   __builtin_ia32_pause();
@@ -38,7 +40,7 @@ void pause_cpu() {
 class Pool {
  public:
   explicit Pool(std::size_t n_threads) {
-    for (std::size_t i = 1; i < n_threads; ++i) workers_.emplace_back([this] { work(); });
+    for (std::size_t i = 1; i < n_threads; ++i) workers_.emplace_back([this, i] { work(i); });
   }
   void run(std::size_t n_items, const std::function<void(std::size_t)>& body) {
     std::lock_guard<std::mutex> one_region_at_a_time(region_);
@@ -78,7 +80,7 @@ class Pool {
     inside_region = false;
   }
 
-  void work() {
+  void work(std::size_t number) {
     std::size_t seen = 0;
     for (;;) {
       const auto give_up = std::chrono::steady_clock::now() + kSpinTime;
@@ -92,7 +94,7 @@ class Pool {
         break;
       }
       seen = generation_.load(std::memory_order_acquire);
-      take_items();
+      if (number < thread_limit.load(std::memory_order_relaxed)) take_items();
       busy_.fetch_sub(1, std::memory_order_release);
     }
   }
@@ -158,8 +160,10 @@ std::size_t thread_count() {
   return count;
 }
 
+void limit_threads(std::size_t most) { thread_limit = most ? most : SIZE_MAX; }
+
 void parallel_for(std::size_t n_items, const std::function<void(std::size_t)>& body) {
-  if (n_items <= 1 || inside_region || thread_count() == 1) {
+  if (n_items <= 1 || inside_region || thread_count() == 1 || thread_limit.load() == 1) {
     for (std::size_t item = 0; item < n_items; ++item) body(item);
     return;
   }

@@ -19,4 +19,8 @@ void parallel_for(std::size_t n_items, const std::function<void(std::size_t)>& b
 void parallel_for_chunks(std::size_t n_items, std::size_t grain,
                          const std::function<void(std::size_t, std::size_t)>& body);
 
+// Regions use at most this many threads from now on (0: all), so that one process can compare: the
+// results are the same, thread_count() too.
+void limit_threads(std::size_t most);
+
 }  // namespace tledface

@@ -6,6 +6,7 @@
 #include <unordered_map>
 
 #include "core/error.hpp"
+#include "core/threads.hpp"
 #include "precompute/layout.hpp"
 #include "precompute/placement.hpp"
 
@@ -22,21 +23,28 @@ Key block_key(std::int32_t chunk, std::int32_t y, std::int32_t z) {
   return (Key(chunk) << (2 * kKeyBits)) | (Key(y) << kKeyBits) | Key(z);
 }
 
+// Rising and each once. Neighbours in the model's order often share a block: they go first.
+void make_distinct(std::vector<Key>& keys) {
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+  std::sort(keys.begin(), keys.end());
+  keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
+}
+
 // The fast axis is the one that needs fewest blocks of lanes, the band axis the longer one left.
 std::array<int, 3> choose_axis_order(const VoxelModel& model, int lanes) {
   std::array<std::int32_t, 3> extent{};
   for (std::size_t i = 0; i < model.cells.size(); ++i)
     extent[i % 3] = std::max(extent[i % 3], model.cells[i] + 1);
   std::array<std::size_t, 3> n_blocks{};
-  std::vector<Key> keys(model.n_elements());
-  for (int fast = 0; fast < 3; ++fast) {
-    const int a = fast == 0 ? 1 : 0, b = fast == 2 ? 1 : 2;
+  parallel_for(3, [&](std::size_t axis) {
+    const int fast = static_cast<int>(axis), a = fast == 0 ? 1 : 0, b = fast == 2 ? 1 : 2;
+    std::vector<Key> keys(model.n_elements());
     for (std::size_t e = 0; e < keys.size(); ++e)
       keys[e] = block_key(model.cells[3 * e + fast] / lanes, model.cells[3 * e + a],
                           model.cells[3 * e + b]);
-    std::sort(keys.begin(), keys.end());
-    n_blocks[fast] = static_cast<std::size_t>(std::unique(keys.begin(), keys.end()) - keys.begin());
-  }
+    make_distinct(keys);
+    n_blocks[fast] = keys.size();
+  });
   const int fast =
       static_cast<int>(std::min_element(n_blocks.begin(), n_blocks.end()) - n_blocks.begin());
   int band = fast == 0 ? 1 : 0, march = fast == 2 ? 1 : 2;
@@ -67,8 +75,7 @@ void place_voxels(const VoxelModel& model, const PrecomputeOptions& options, Sol
     keys[n] = block_key(p[0] / lanes, p[1], p[2]);
   }
   std::vector<Key> sorted = keys;
-  std::sort(sorted.begin(), sorted.end());
-  sorted.erase(std::unique(sorted.begin(), sorted.end()), sorted.end());
+  make_distinct(sorted);
   if (sorted.size() > std::size_t(std::numeric_limits<std::int32_t>::max() / 64))
     throw InputError("model: " + std::to_string(n_nodes) +
                      " nodes are more than the solver can index");

@@ -20,11 +20,37 @@ std::vector<T> narrowed(const std::vector<double>& values) {
   return std::vector<T>(values.begin(), values.end());
 }
 
+PrecomputeOptions precompute_options(const SimulatorOptions& options, const Device& device) {
+  if (options.precision == Precision::kDouble && !device.info().has_double)
+    throw InputError("precision: device '" + device.info().id + "' (" + device.info().name +
+                     ") has no float64; use precision='single'");
+  PrecomputeOptions precompute;
+  precompute.lanes = device.preferred_lanes(options.precision);
+  precompute.hourglass = options.hourglass;
+  precompute.kappa = options.kappa;
+  precompute.axis_order = options.axis_order;
+  return precompute;
+}
+
+std::shared_ptr<const SolverArrays> arrays_of(VoxelModel& model, const SimulatorOptions& options,
+                                              const PrecomputeOptions& precompute) {
+  if (model.conforming() && options.hourglass == HourglassForm::kKappa)
+    set_kappa_stiffening(model, options.kappa);
+  if (options.arrays && options.arrays->lanes == precompute.lanes) return options.arrays;
+  return std::make_shared<const SolverArrays>(make_solver_arrays(model, precompute));
+}
+
 }  // namespace
 
 Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
                      const SimulatorOptions& options, Conditions conditions, SlidingNodes sliding)
-    : device_(std::move(device)), model_(std::move(model)), options_(options) {
+    : device_(std::move(device)),
+      model_(std::move(model)),
+      options_(options),
+      precompute_(precompute_options(options_, *device_)),
+      shared_arrays_(arrays_of(model_, options_, precompute_)),
+      arrays_(*shared_arrays_) {
+  options_.arrays = nullptr;
   bool chosen = false;
   if (options_.kernels == KernelPath::kAuto)
     if (const auto choice =
@@ -36,21 +62,10 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     }
   rows_ = options_.kernels == KernelPath::kRows ||
           (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
-  if (options_.precision == Precision::kDouble && !device_->info().has_double)
-    throw InputError("precision: device '" + device_->info().id + "' (" + device_->info().name +
-                     ") has no float64; use precision='single'");
   ProgramOptions program;
   program.precision = options_.precision;
-  program.lanes = device_->preferred_lanes(options_.precision);
+  program.lanes = precompute_.lanes;
   program.vector_rows = rows_;
-
-  precompute_.lanes = program.lanes;
-  precompute_.hourglass = options_.hourglass;
-  precompute_.kappa = options_.kappa;
-  if (model_.conforming() && options_.hourglass == HourglassForm::kKappa)
-    set_kappa_stiffening(model_, options_.kappa);
-  precompute_.axis_order = options_.axis_order;
-  arrays_ = make_solver_arrays(model_, precompute_);
   program.laws = rows_ || !arrays_.law_entries.empty();
   program_ = device_->build(program);
   // Laws need the registers that a limit, chosen without them, would take.
@@ -382,7 +397,7 @@ StateEvaluator& Simulator::evaluator() {
   if (!evaluator_) {
     PrecomputeOptions options = precompute_;
     options.axis_order = arrays_.order;  // history is in these axes
-    evaluator_ = std::make_unique<StateEvaluator>(model_, options);
+    evaluator_ = std::make_unique<StateEvaluator>(model_, options, shared_arrays_);
   }
   return *evaluator_;
 }
@@ -398,22 +413,27 @@ std::vector<double> Simulator::history() {
   return read_reals(*history_[now_], std::size_t(arrays_.n_history_rows) * arrays_.lanes);
 }
 
-std::vector<double> Simulator::instant_force(const std::vector<double>& u,
-                                             const std::vector<double>& past,
-                                             const std::vector<double>& activations) {
-  write_reals(*u_[now_], nodes_to_slots(arrays_, u));
+const double* Simulator::instant_force_in_place(const std::vector<double>& past,
+                                                const std::vector<double>& activations) {
   write_reals(*history_[now_], past);
-  return force_at(kInstant, activations);
+  if (!force_) force_ = device_->allocate(u_[0]->bytes());
+  enqueue_force(kInstant, activations, *force_);
+  device_->finish();
+  return static_cast<const double*>(force_->host_pointer());
 }
 
-std::vector<double> Simulator::force_at(double dt, const std::vector<double>& activations) {
+void Simulator::enqueue_force(double dt, const std::vector<double>& activations, Buffer& force) {
   std::vector<double> row(step_reals_, 0.0);
   row[STEP_DT] = dt;
   row[STEP_TIME] = time();
   std::copy(activations.begin(), activations.end(), row.begin() + STEP_ACTIVATION);
   write_table(row);
+  path_->enqueue_forces(now_, force);
+}
+
+std::vector<double> Simulator::force_at(double dt, const std::vector<double>& activations) {
   auto force = device_->allocate(u_[0]->bytes());
-  path_->enqueue_forces(now_, *force);
+  enqueue_force(dt, activations, *force);
   return slots_to_nodes(arrays_, read_slots(*force));
 }
 

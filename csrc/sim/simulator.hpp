@@ -32,6 +32,8 @@ struct SimulatorOptions {
   TileShape tile;                             // of kTile
   std::size_t n_bands = 0;                    // 0: by the device's compute units
   std::array<int, 3> axis_order{-1, -1, -1};  // see PrecomputeOptions
+  // Arrays of the same model, form and axes that are there already; taken where their lanes fit.
+  std::shared_ptr<const SolverArrays> arrays;
 };
 
 // Device arrays as they are (u now, u before), in the precision and block layout of the simulator
@@ -121,11 +123,14 @@ class Simulator {
   std::vector<double> internal_force(const std::vector<double>& activations);  // N, 3 per node
   // The past of laws that have one: their rows in the layout of arrays(); empty without any.
   std::vector<double> history();
-  // Forces at displacement u with a past (in the layout of arrays()), as laws answer to a change
-  // that is over at once: nothing relaxes, nothing flows. Their slope is the largest stiffness.
-  // Overwrites the state; an empty past leaves the one that is there.
-  std::vector<double> instant_force(const std::vector<double>& u, const std::vector<double>& past,
-                                    const std::vector<double>& activations);
+  // Forces with a past (in the layout of arrays(); an empty one leaves what is there) as laws
+  // answer to a change that is over at once: nothing relaxes, nothing flows. Their slope is the
+  // largest stiffness. On a native device in float64, for many displacements in a row without
+  // copies: write them to displacement_in_place(), [block][component][lane], over the state; the
+  // forces stand likewise, until the next call.
+  double* displacement_in_place() { return static_cast<double*>(u_[now_]->host_pointer()); }
+  const double* instant_force_in_place(const std::vector<double>& past,
+                                       const std::vector<double>& activations);
   // Loads, pressures and gravity, N, 3 per node.
   std::vector<double> external_force(const std::vector<double>& values);
   // Of the sliding nodes; see Sliding::normals and friction_losses.
@@ -136,6 +141,7 @@ class Simulator {
     return sliding_ ? sliding_->friction_losses() : std::vector<double>();
   }
   ElementState element_state(const std::vector<double>& activations);
+  StateEvaluator& evaluator();
   // First node whose displacement is not finite, or -1.
   std::int64_t first_non_finite_node();
 
@@ -182,7 +188,7 @@ class Simulator {
   // Which masses the kernels integrate with.
   void bind_masses(const Buffer& blocks, const Buffer& node_sets);
   std::vector<double> force_at(double dt, const std::vector<double>& activations);
-  StateEvaluator& evaluator();
+  void enqueue_force(double dt, const std::vector<double>& activations, Buffer& force);
   StepLimiter& limiter();
   StiffnessState stiffness_state(const std::vector<double>& u,
                                  const std::vector<double>& activations);
@@ -191,7 +197,8 @@ class Simulator {
   VoxelModel model_;
   SimulatorOptions options_;
   PrecomputeOptions precompute_;
-  SolverArrays arrays_;
+  std::shared_ptr<const SolverArrays> shared_arrays_;
+  const SolverArrays& arrays_;
   bool rows_ = true;
   std::size_t device_bytes_ = 0;
   std::int32_t step_reals_ = 0;
@@ -209,6 +216,7 @@ class Simulator {
   std::unique_ptr<Relaxation> relaxation_;
   std::unique_ptr<Buffer> u_[2], blocks_, materials_, node_sets_, muscle_entries_, muscle_sets_,
       muscle_constants_, shape_, step_table_, law_entries_, law_sets_, history_[2];
+  std::unique_ptr<Buffer> force_;  // of instant_force_in_place
   std::unique_ptr<ForcePath> path_;
   std::unique_ptr<StateEvaluator> evaluator_;  // these two are made when first asked for
   std::unique_ptr<StepLimiter> limiter_;

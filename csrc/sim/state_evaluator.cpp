@@ -13,15 +13,27 @@ std::size_t bytes_of(const std::vector<T>& values) {
   return values.size() * sizeof(T);
 }
 
+std::shared_ptr<const SolverArrays> arrays_of(const VoxelModel& model, PrecomputeOptions options,
+                                              int lanes,
+                                              std::shared_ptr<const SolverArrays> given) {
+  if (given && given->lanes == lanes) return given;
+  options.lanes = lanes;
+  return std::make_shared<const SolverArrays>(make_solver_arrays(model, options));
+}
+
 }  // namespace
 
-StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions options)
-    : host_(make_native_device()), physical_(options.hourglass == HourglassForm::kPhysical) {
+StateEvaluator::StateEvaluator(const VoxelModel& model, PrecomputeOptions options,
+                               std::shared_ptr<const SolverArrays> given)
+    : host_(make_native_device()),
+      shared_arrays_(
+          arrays_of(model, options, host_->preferred_lanes(Precision::kDouble), std::move(given))),
+      arrays_(*shared_arrays_),
+      physical_(options.hourglass == HourglassForm::kPhysical) {
   ProgramOptions program;
   program.precision = Precision::kDouble;
-  program.lanes = options.lanes = host_->preferred_lanes(Precision::kDouble);
+  program.lanes = arrays_.lanes;
   program_ = host_->build(program);
-  arrays_ = make_solver_arrays(model, options);
   const std::size_t slots = std::size_t(arrays_.n_blocks + 1) * arrays_.lanes * sizeof(double);
   u_ = host_->allocate(slots * 3);
   state_ = host_->allocate(slots * TLED_STATE_ROWS);

@@ -18,20 +18,24 @@ struct ElementState {
 
 class StateEvaluator {
  public:
-  StateEvaluator(const VoxelModel& model, PrecomputeOptions options);
+  // given: the model's arrays with these options, taken where their lanes fit.
+  StateEvaluator(const VoxelModel& model, PrecomputeOptions options,
+                 std::shared_ptr<const SolverArrays> given);
   // history: rows in the layout of arrays() (see history_in_layout); dt, time: of the step that
   // comes.
   ElementState evaluate(const std::vector<double>& u, const std::vector<double>& activations,
                         const std::vector<double>& history = {}, double dt = 0, double time = 0);
   // Growth of the stiffness that bounds the step, per element (kernels_cl/state.cl); -1: inverted.
   const SolverArrays& arrays() const { return arrays_; }
+  std::shared_ptr<const SolverArrays> shared_arrays() const { return shared_arrays_; }
   std::vector<double> growth(const std::vector<double>& u);
 
  private:
   std::unique_ptr<Buffer> upload(const void* data, std::size_t bytes);
 
   std::shared_ptr<Device> host_;
-  SolverArrays arrays_;
+  std::shared_ptr<const SolverArrays> shared_arrays_;
+  const SolverArrays& arrays_;
   bool physical_;
   std::unique_ptr<Program> program_;
   std::unique_ptr<Kernel> kernel_, growth_kernel_;

@@ -1,6 +1,7 @@
 #include "sim/step_limit.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <numeric>
@@ -28,14 +29,31 @@ constexpr double kDifference = 1e-6;
 // number of threads.
 constexpr std::size_t kChunk = 16384;
 
-double dot(const std::vector<double>& a, const std::vector<double>& b) {
-  std::vector<double> sums((a.size() + kChunk - 1) / kChunk);
-  parallel_for_chunks(a.size(), kChunk, [&](std::size_t begin, std::size_t end) {
+// Sum of term(i), which may change what belongs to i.
+template <class Term>
+double sum_of(std::size_t n, Term term) {
+  std::vector<double> sums((n + kChunk - 1) / kChunk);
+  parallel_for_chunks(n, kChunk, [&](std::size_t begin, std::size_t end) {
     double sum = 0;
-    for (std::size_t i = begin; i < end; ++i) sum += a[i] * b[i];
+    for (std::size_t i = begin; i < end; ++i) sum += term(i);
     sums[begin / kChunk] = sum;
   });
   return std::accumulate(sums.begin(), sums.end(), 0.0);
+}
+
+template <class Term>
+double largest_of(std::size_t n, Term term) {
+  std::vector<double> found((n + kChunk - 1) / kChunk);
+  parallel_for_chunks(n, kChunk, [&](std::size_t begin, std::size_t end) {
+    double largest = 0;
+    for (std::size_t i = begin; i < end; ++i) largest = std::max(largest, term(i));
+    found[begin / kChunk] = largest;
+  });
+  return *std::max_element(found.begin(), found.end());
+}
+
+double dot(const std::vector<double>& a, const std::vector<double>& b) {
+  return sum_of(a.size(), [&](std::size_t i) { return a[i] * b[i]; });
 }
 
 template <class Body>
@@ -77,7 +95,7 @@ Ritz largest_ritz(const std::vector<double>& alpha, const std::vector<double>& b
 
 }  // namespace
 
-StepLimiter::StepLimiter(const Simulator& sim)
+StepLimiter::StepLimiter(Simulator& sim)
     : model_(sim.model()),
       given_(sim.arrays()),
       node_mass_(sim.arrays().node_mass),
@@ -87,6 +105,7 @@ StepLimiter::StepLimiter(const Simulator& sim)
         options.kernels = KernelPath::kRows;
         options.n_bands = 0;
         options.axis_order = sim.arrays().order;  // the past is in these axes
+        options.arrays = sim.evaluator().shared_arrays();
         return std::make_unique<Simulator>(make_native_device(), sim.model(), options);
       }()),
       arrays_(host_->arrays()) {}
@@ -96,8 +115,8 @@ StepLimiter::~StepLimiter() = default;
 double StepLimiter::highest_square(const std::vector<double>& u, const std::vector<double>& past,
                                    const std::vector<double>& activations,
                                    const std::vector<double>& node_squares) {
-  const std::size_t n = u.size();
-  std::vector<double> inverse_root(n), q(n), before(n, 0.0), w(n), moved(n);
+  const std::size_t n = u.size(), lanes = arrays_.lanes;
+  std::vector<double> inverse_root(n), q(n), before(n, 0.0), w(n), force(n);
   const double highest = *std::max_element(node_squares.begin(), node_squares.end());
   // Every mode has a part in the start; those of the stiffest nodes the most.
   std::uint64_t random = 0x9e3779b97f4a7c15u;
@@ -111,24 +130,35 @@ double StepLimiter::highest_square(const std::vector<double>& u, const std::vect
   const double length = std::sqrt(dot(q, q));
   for (double& value : q) value /= length;
 
-  const auto force = host_->instant_force(
-      u, past.empty() ? past : history_in_layout(model_, given_, past, arrays_), activations);
+  // Where the host has component i of the nodal vectors.
+  std::array<std::size_t, 3> axis{};
+  for (std::size_t a = 0; a < 3; ++a) axis[arrays_.order[a]] = a;
+  std::vector<std::uint32_t> place(n);  // blocks are few enough, see place_voxels
+  for_each(n, [&](std::size_t i) {
+    const std::size_t slot = arrays_.node_slot[i / 3];
+    place[i] = static_cast<std::uint32_t>((slot / lanes * 3 + axis[i % 3]) * lanes + slot % lanes);
+  });
+  double* const moved = host_->displacement_in_place();
+  for_each(n, [&](std::size_t i) { moved[place[i]] = u[i]; });
+  const double* pushed = host_->instant_force_in_place(
+      past.empty() ? past : history_in_layout(model_, given_, past, arrays_), activations);
+  for_each(n, [&](std::size_t i) { force[i] = pushed[place[i]]; });
   const double edge = model_.shortest_edge();
   std::vector<double> alpha, beta;
+  double largest = largest_of(n, [&](std::size_t i) { return std::abs(inverse_root[i] * q[i]); });
   for (int iteration = 0; iteration < kMostIterations; ++iteration) {
-    double largest = 0;
-    for (std::size_t i = 0; i < n; ++i)
-      largest = std::max(largest, std::abs(inverse_root[i] * q[i]));
     const double step = kDifference * edge / largest;
-    for_each(n, [&](std::size_t i) { moved[i] = u[i] + step * inverse_root[i] * q[i]; });
-    const auto pushed = host_->instant_force(moved, {}, activations);
+    for_each(n, [&](std::size_t i) { moved[place[i]] = u[i] + step * inverse_root[i] * q[i]; });
+    pushed = host_->instant_force_in_place({}, activations);
     const double last = beta.empty() ? 0 : beta.back();
-    for_each(n, [&](std::size_t i) {
-      w[i] = inverse_root[i] * (pushed[i] - force[i]) / step - last * before[i];
-    });
-    alpha.push_back(dot(w, q));
-    for_each(n, [&](std::size_t i) { w[i] -= alpha.back() * q[i]; });
-    const double rest = std::sqrt(dot(w, w));
+    alpha.push_back(sum_of(n, [&](std::size_t i) {
+      w[i] = inverse_root[i] * (pushed[place[i]] - force[i]) / step - last * before[i];
+      return w[i] * q[i];
+    }));
+    const double rest = std::sqrt(sum_of(n, [&](std::size_t i) {
+      w[i] -= alpha.back() * q[i];
+      return w[i] * w[i];
+    }));
     const Ritz ritz = largest_ritz(alpha, beta);
     const double residual = rest * ritz.last;
     const bool done = iteration + 1 >= kFewestIterations && residual < kEnough * ritz.value;
@@ -136,7 +166,10 @@ double StepLimiter::highest_square(const std::vector<double>& u, const std::vect
       return (1 + kMargin) * (ritz.value + residual);
     beta.push_back(rest);
     before.swap(q);
-    for_each(n, [&](std::size_t i) { q[i] = w[i] / rest; });
+    largest = largest_of(n, [&](std::size_t i) {
+      q[i] = w[i] / rest;
+      return std::abs(inverse_root[i] * q[i]);
+    });
   }
   return HUGE_VAL;
 }

@@ -19,7 +19,7 @@ struct StepLimit {
 
 class StepLimiter {
  public:
-  explicit StepLimiter(const Simulator& sim);
+  explicit StepLimiter(Simulator& sim);
   ~StepLimiter();
 
   // Estimate of the limit at displacement u, after the past of the simulator's laws (its rows as

@@ -199,6 +199,44 @@ def set_kernel_folder(path: str) -> None: ...
 def thread_count() -> int: ...
 def compiler() -> str: ...
 
+# bind_roofline.cpp
+
+class Roofline:
+    def __init__(
+        self,
+        device: Device,
+        *,
+        is_double: bool,
+        nbytes: int,
+        fused: float,
+        multiplied: float,
+        added: float,
+    ) -> None: ...
+    def axpy(self, seconds: float) -> float: ...
+    def copy(self, seconds: float) -> float: ...
+    def instructions(self, seconds: float) -> float: ...
+    @property
+    def mix(self) -> tuple[float, float, float]: ...
+
+def operations_per_element(
+    model: VoxelModel, *, physical: bool, axis_order: Sequence[int]
+) -> dict[str, float]: ...
+def workload_names() -> list[str]: ...
+def workload_elements(workload: str) -> int: ...
+def bench_measure(
+    device: Device,
+    workload: str,
+    *,
+    elements: int = 0,
+    physical: bool = True,
+    is_double: bool = False,
+    kernels: str = "auto",
+    rounds: int = 7,
+    seconds: float = 0.1,
+    checks: bool = True,
+    array_bytes: int = 536870912,
+) -> str: ...
+
 # bind_simulator.cpp
 
 class VoxelModel:

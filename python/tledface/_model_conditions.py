@@ -8,7 +8,6 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
@@ -26,6 +25,8 @@ from tledface.motion import Motion, checked_motion
 from tledface.sliding import NodeGroup, Sliding, SlidingSurface
 
 if TYPE_CHECKING:
+    import trimesh
+
     from tledface.model import Model, Where
 
 WhereFaces = NDArray[np.bool_] | Callable[[Floats, Floats], NDArray[np.bool_]]

@@ -1,9 +1,8 @@
-"""The benchmark: element steps a second on the flat skin block, beside the copy bandwidth.
+"""The benchmark as `tledface bench` runs it: workloads beside the roofline, and what choices gain.
 
-Solver and copy are timed in turns in one process, so that both see the same machine; ratios of the
-two travel between machines, times do not. The muscle is contracted before the clock starts.
-
-Beside it, what it is worth that blocks of lanes hold one law each (`measure_laws`).
+Workloads and roofline are those of `bench_workloads`. Beside them the block as a conforming mesh
+(`measure`), what it is worth that blocks of lanes hold one law each (`measure_laws`), and what
+sliding costs (`bench_face`).
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tledface import _core
+from tledface import _core, bench_workloads
 from tledface import device as device_module
 from tledface.bench_face import measure_sliding
 
@@ -235,21 +234,27 @@ def measure_laws(
 
 
 def main(*, device: Any = "auto", json: bool = False, quiet: bool = False) -> dict[str, Any]:
-    """Measure both hourglass forms, a mesh, and laws in uniform blocks; print a table or JSON.
+    """Measure the quick workloads, a mesh, laws in uniform blocks, sliding; print tables or JSON.
 
-    The object is that of the default form, with the other's under ``"joldes"``; the same block as a
-    conforming mesh, whose elements are stored and gathered, under ``"conforming"``, and its time
-    over the voxels' as ``voxels_save``; what `measure_laws` gives for two and four laws under
-    ``"sorting"``; a face with sliding nodes under ``"face"``, see `bench_face`.
+    The object is `bench_workloads.measure` of the flat block in the default hourglass form, with
+    the other form's under ``"joldes"`` and those of face and armadillo, each in both forms, under
+    ``"workloads"``; the same block as a conforming mesh, whose elements are stored and gathered,
+    under ``"conforming"``, and its time over the voxels' as ``voxels_save``; what `measure_laws`
+    gives for two and four laws under ``"sorting"``; what sliding costs under ``"face"``, see
+    `bench_face`.
     """
-    model = flat_block()
-    physical, joldes = (measure(model, device, hourglass=form) for form in ("physical", "joldes"))
-    conforming = measure(model.as_hexahedra(), device)
+    physical, joldes, *others = (
+        bench_workloads.measure(name, device, hourglass=form)
+        for name in bench_workloads.QUICK
+        for form in ("physical", "joldes")
+    )
+    conforming = measure(flat_block().as_hexahedra(), device)
     sorting = [measure_laws(laws, device) for laws in (2, 4)]
     face = measure_sliding(device)
     result = {
         **physical,
         "joldes": joldes,
+        "workloads": others,
         "conforming": conforming,
         "voxels_save": conforming["ms_per_step"] / physical["ms_per_step"],
         "sorting": sorting,
@@ -258,28 +263,14 @@ def main(*, device: Any = "auto", json: bool = False, quiet: bool = False) -> di
     if json:
         print(json_module.dumps(result, indent=1))
     elif not quiet:
-        print(_table([physical, joldes, conforming]))
+        print(bench_workloads.table({"rows": [physical, joldes, *others]}))
+        print(
+            f"\nflat block as a conforming mesh: {conforming['ms_per_step']:.3f} ms a step, "
+            f"{result['voxels_save']:.1f} times the voxels'"
+        )
         print(_law_table(sorting))
         print(_face_table(face))
     return result
-
-
-def _table(results: list[dict[str, Any]]) -> str:
-    head = results[0]
-    lines = [
-        f"{head['device']}, {head['threads']} threads, load {head['load_average']:.1f}",
-        f"flat block, {head['elements']:,} elements ({head['muscle_elements']:,} with muscle), "
-        f"{head['precision']} precision, "
-        f"{head['fill']:.0%} of the lanes filled",
-        "hourglass  kernels     ms/step  M elem-steps/s  copy GB/s  effective bytes  repeatable",
-    ]
-    lines += [
-        f"{r['hourglass']:<10} {r['kernels']:<9} {r['ms_per_step']:9.3f} "
-        f"{r['melem_steps_per_s']:15.1f} {r['copy_gb_s']:10.1f} {r['effective_bytes']:16.1f}  "
-        f"{'yes' if r['bitwise_repeatable'] else 'NO'}"
-        for r in results
-    ]
-    return "\n".join(lines)
 
 
 def _law_table(results: list[dict[str, Any]]) -> str:

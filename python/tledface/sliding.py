@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface.errors import InputError
 from tledface.motion import Motion
+
+if TYPE_CHECKING:
+    import trimesh
 
 __all__ = [
     "GROUP_KINDS",

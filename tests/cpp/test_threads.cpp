@@ -4,6 +4,8 @@
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <mutex>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <thread>
@@ -36,6 +38,24 @@ bool each_item_runs_once(std::size_t n_items) {
 void test_item_counts() {
   for (const std::size_t n_items : {0, 1, 2, 3, 7, 1000, 100000})
     CHECK(each_item_runs_once(n_items));
+}
+
+// As many threads as allowed, and every item once.
+void test_a_limit_holds() {
+  for (const std::size_t most : {std::size_t(1), std::size_t(2), std::size_t(0)}) {
+    limit_threads(most);
+    std::mutex mutex;
+    std::set<std::thread::id> seen;
+    for (int region = 0; region < 50; ++region)
+      parallel_for(64, [&](std::size_t) {
+        std::lock_guard<std::mutex> lock(mutex);
+        seen.insert(std::this_thread::get_id());
+      });
+    CHECK(seen.size() <= (most ? most : thread_count()));
+    CHECK(most != 1 || seen.count(std::this_thread::get_id()) == 1);
+    CHECK(each_item_runs_once(1000));
+  }
+  limit_threads(0);
 }
 
 void test_chunks_cover_the_range() {
@@ -140,6 +160,7 @@ int main() {
   setenv("TLEDFACE_NUM_THREADS", "5", 1);
   CHECK(thread_count() == 5);
   test_item_counts();
+  test_a_limit_holds();
   test_chunks_cover_the_range();
   test_many_regions();
   test_errors_reach_the_caller();

@@ -93,7 +93,9 @@ def test_rows_carry_the_seed_s_figures_and_files_hold_both(quick, tmp_path, monk
         ("--scene flat-block:thick", "'thick': no such variant"),
         ("--scene flat-block -o x.txt", "ending '.txt' is not known; allowed: .json"),
         ("--scene flat-block --device opencl:77", "opencl:77"),
-        ("-o x.json", "go with --scene"),
+        ("-o x.json", "-o goes with --scene, --workload"),
+        ("--data x.ply", "--data goes with --scene"),
+        ("--scene film --sizes", "go one at a time"),
     ],
 )
 def test_wrong_usage_is_one_line(words, message, tmp_path, monkeypatch):

@@ -1,8 +1,13 @@
 // Compiled once per instruction set and precision (cmake/NativeKernels.cmake) with
-// TLED_TABLE (the function's name), TLED_INSTRUCTION_SET, TLED_LANES and TLED_DOUBLE.
+// TLED_TABLE (the function's name), TLED_INSTRUCTION_SET, TLED_LANES and TLED_DOUBLE; once more
+// with TLED_COUNTED, where a row counts what is done with it.
 #include "backend/native/kernel_table.hpp"
 
+#if TLED_COUNTED
+#include "backend/native/counted.hpp"
+#else
 #include "backend/native/shim.hpp"
+#endif
 
 #if defined(__SSE__)
 #include <xmmintrin.h>
@@ -10,6 +15,7 @@
 
 namespace {
 #include "program.cl"
+#include "roofline.cl"
 
 using tledface::native::KernelArg;
 using tledface::native::KernelEntry;
@@ -71,7 +77,8 @@ constexpr KernelEntry kEntries[] = {
     TLED_ENTRY(hex_forces_kappa),   TLED_ENTRY(hex_integrate_nodes),
     TLED_ENTRY(hex_gather_forces),  TLED_ENTRY(hex_state),
     TLED_ENTRY(hex_growth),         TLED_ENTRY(slide_nodes),
-    TLED_ENTRY(grid_nearest),
+    TLED_ENTRY(grid_nearest),       TLED_ENTRY(roofline_axpy),
+    TLED_ENTRY(roofline_copy),      TLED_ENTRY(roofline_mixed),
 };
 constexpr tledface::native::KernelTable kTable = {TLED_INSTRUCTION_SET, TLED_LANES, kEntries,
                                                   sizeof kEntries / sizeof kEntries[0]};
@@ -81,4 +88,11 @@ constexpr tledface::native::KernelTable kTable = {TLED_INSTRUCTION_SET, TLED_LAN
 namespace tledface::native {
 const KernelTable& TLED_TABLE();
 const KernelTable& TLED_TABLE() { return kTable; }
+#if TLED_COUNTED
+OperationCounts take_operation_counts() {
+  const OperationCounts taken = counts;
+  counts = OperationCounts();
+  return taken;
+}
+#endif
 }  // namespace tledface::native

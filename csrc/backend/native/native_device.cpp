@@ -8,7 +8,9 @@
 #include <utility>
 
 #include "backend/device.hpp"
+#include "backend/launch_log.hpp"
 #include "backend/native/kernel_table.hpp"
+#include "backend/native/operation_counts.hpp"
 #include "core/error.hpp"
 #include "core/threads.hpp"
 
@@ -16,6 +18,7 @@ namespace tledface {
 namespace native {
 const KernelTable& portable_float();
 const KernelTable& portable_double();
+const KernelTable& counted_float();
 #if TLEDFACE_X86
 const KernelTable& avx2_float();
 const KernelTable& avx2_double();
@@ -141,9 +144,15 @@ class NativeKernel final : public Kernel {
                               std::to_string(index) + " is not bound");
     // A work-item is a band of rows where speed matters; many small ones go in chunks.
     const std::size_t grain = n_items > 4096 || local_size > 1 ? 256 : 1;
-    parallel_for_chunks(n_items, grain, [&](std::size_t begin, std::size_t end) {
-      entry_.run(args_.data(), begin, end);
-    });
+    const auto launch = [&] {
+      parallel_for_chunks(n_items, grain, [&](std::size_t begin, std::size_t end) {
+        entry_.run(args_.data(), begin, end);
+      });
+    };
+    if (active_launch_log())
+      logged_launch(entry_.name, launch, [] {});
+    else
+      launch();
   }
 
  private:
@@ -170,17 +179,20 @@ class NativeProgram final : public Program {
   const KernelTable& table_;
 };
 
+// By precision the table of kernels.
+using Tables = const KernelTable& (*)(Precision);
+
 class NativeDevice final : public Device {
  public:
-  NativeDevice() : info_(native_device_info()) {}
+  NativeDevice(DeviceInfo info, Tables tables) : info_(std::move(info)), tables_(tables) {}
   const DeviceInfo& info() const override { return info_; }
   bool prefers_vector_rows() const override { return true; }
-  int preferred_lanes(Precision precision) const override { return table_of(precision).lanes; }
+  int preferred_lanes(Precision precision) const override { return tables_(precision).lanes; }
   std::unique_ptr<Buffer> allocate(std::size_t bytes) override {
     return std::make_unique<NativeBuffer>(bytes);
   }
   std::unique_ptr<Program> build(const ProgramOptions& options) override {
-    const KernelTable& table = table_of(options.precision);
+    const KernelTable& table = tables_(options.precision);
     if (!options.vector_rows || options.lanes != table.lanes)
       throw InputError("native device: it has the row kernels with " + std::to_string(table.lanes) +
                        " lanes only; use kernels='rows' (or 'auto')");
@@ -190,9 +202,18 @@ class NativeDevice final : public Device {
 
  private:
   DeviceInfo info_;
+  Tables tables_;
 };
 
 }  // namespace
+
+std::shared_ptr<Device> make_counting_device() {
+  DeviceInfo info = native_device_info();
+  info.has_double = false;
+  return std::make_shared<NativeDevice>(
+      info, +[](Precision) -> const KernelTable& { return counted_float(); });
+}
+
 }  // namespace native
 
 DeviceInfo native_device_info() {
@@ -210,6 +231,8 @@ DeviceInfo native_device_info() {
   return info;
 }
 
-std::shared_ptr<Device> make_native_device() { return std::make_shared<native::NativeDevice>(); }
+std::shared_ptr<Device> make_native_device() {
+  return std::make_shared<native::NativeDevice>(native_device_info(), &native::table_of);
+}
 
 }  // namespace tledface

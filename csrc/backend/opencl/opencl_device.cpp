@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "backend/launch_log.hpp"
 #include "backend/opencl/loader.hpp"
 #include "backend/opencl/sources.hpp"
 #include "core/error.hpp"
@@ -314,9 +315,16 @@ class OpenClKernel final : public Kernel {
   void enqueue(std::size_t n_items, std::size_t local_size) override {
     if (n_items == 0) return;
     if (local_size > 0) n_items = (n_items + local_size - 1) / local_size * local_size;
-    const cl::Int status = queue_->api.EnqueueNDRangeKernel(
-        queue_->handle, handle_, 1, nullptr, &n_items, local_size > 0 ? &local_size : nullptr, 0,
-        nullptr, nullptr);
+    cl::Int status = cl::kSuccess;
+    const auto launch = [&] {
+      status = queue_->api.EnqueueNDRangeKernel(queue_->handle, handle_, 1, nullptr, &n_items,
+                                                local_size > 0 ? &local_size : nullptr, 0, nullptr,
+                                                nullptr);
+    };
+    if (active_launch_log())
+      logged_launch(name_, launch, [&] { queue_->api.Finish(queue_->handle); });
+    else
+      launch();
     if (status != cl::kSuccess)
       queue_->check(status, "clEnqueueNDRangeKernel " + name_ + " of " + std::to_string(n_items) +
                                 " items in groups of " + std::to_string(local_size));
@@ -369,7 +377,7 @@ std::unique_ptr<Buffer> OpenClDevice::allocate(std::size_t bytes) {
 }
 
 std::unique_ptr<Program> OpenClDevice::build(const ProgramOptions& options) {
-  return build_source(kernel_source("program.cl", options), options);
+  return build_source(kernel_source(options.file, options), options);
 }
 
 std::unique_ptr<Program> OpenClDevice::build_source(const std::string& source,

@@ -20,7 +20,7 @@ class OpenClDevice final : public Device {
   bool prefers_vector_rows() const override;
   int preferred_lanes(Precision precision) const override;
   std::unique_ptr<Buffer> allocate(std::size_t bytes) override;
-  // Builds program.cl of the kernel folder.
+  // Builds options.file of the kernel folder.
   std::unique_ptr<Program> build(const ProgramOptions& options) override;
   void flush() override;
   void finish() override;
