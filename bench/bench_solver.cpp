@@ -1,5 +1,5 @@
 // bench_solver [--workload NAME] [--elements N] [--device SPEC] [--hourglass physical|kappa]
-//              [--kernels auto|rows|gather] [--double] [--bands N] [--repeats R] [--steps N]
+//              [--kernels auto|rows|gather|tile] [--double] [--bands N] [--repeats R] [--steps N]
 //              [--seconds S] [--no-checks] [--cells NX NY NZ] [--no-muscle] [--laws
 //              sorted|scattered]
 // What `tledface bench --workload` measures, without Python: prints one JSON object. For profilers,
@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
+#include <initializer_list>
 #include <string>
 
 #include "bench/block_model.hpp"
@@ -41,11 +42,14 @@ int run(int argc, char** argv) {
         throw InputError(word + ": got '" + text + "', allowed is a whole number from 1");
       return value;
     };
-    const auto one_of = [&](const std::string& a, const std::string& b, const std::string& c) {
+    const auto one_of = [&](std::initializer_list<const char*> allowed) {
       const std::string text = next();
-      if (text == a || text == b || (!c.empty() && text == c)) return text;
-      throw InputError(word + ": got '" + text + "', allowed are " + a + ", " + b +
-                       (c.empty() ? "" : ", " + c));
+      std::string list;
+      for (const char* name : allowed) {
+        if (text == name) return text;
+        list += (list.empty() ? "" : ", ") + std::string(name);
+      }
+      throw InputError(word + ": got '" + text + "', allowed are " + list);
     };
     if (word == "--workload")
       workload = next();
@@ -54,12 +58,13 @@ int run(int argc, char** argv) {
     else if (word == "--device")
       spec = next();
     else if (word == "--hourglass")
-      simulator.hourglass = one_of("physical", "kappa", "") == "kappa" ? HourglassForm::kKappa
-                                                                       : HourglassForm::kPhysical;
+      simulator.hourglass = one_of({"physical", "kappa"}) == "kappa" ? HourglassForm::kKappa
+                                                                     : HourglassForm::kPhysical;
     else if (word == "--kernels") {
-      const std::string path = one_of("auto", "rows", "gather");
+      const std::string path = one_of({"auto", "rows", "gather", "tile"});
       simulator.kernels = path == "rows"     ? KernelPath::kRows
                           : path == "gather" ? KernelPath::kGather
+                          : path == "tile"   ? KernelPath::kTile
                                              : KernelPath::kAuto;
     } else if (word == "--double")
       simulator.precision = Precision::kDouble;
@@ -80,7 +85,7 @@ int run(int argc, char** argv) {
       with_muscle = false;
       own_block = true;
     } else if (word == "--laws") {
-      laws = one_of("sorted", "scattered", "");
+      laws = one_of({"sorted", "scattered"});
       own_block = true;
     } else
       throw InputError("unknown option '" + word + "'");

@@ -206,7 +206,7 @@ std::string measure(std::shared_ptr<Device> device, const MeasureOptions& option
       .add("precision", options.simulator.precision == Precision::kSingle ? "single" : "double")
       .add("hourglass",
            options.simulator.hourglass == HourglassForm::kPhysical ? "physical" : "joldes")
-      .add("kernels", sim.uses_rows() ? "rows" : "gather")
+      .add("kernels", sim.kernels())
       .add("lanes", sim.arrays().lanes)
       .add("fill", sim.arrays().fill())
       .add("dt", sim.dt())

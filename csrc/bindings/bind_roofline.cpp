@@ -9,22 +9,11 @@
 #include "backend/roofline.hpp"
 #include "bench/measure.hpp"
 #include "bench/workloads.hpp"
+#include "bindings/options.hpp"
 #include "core/error.hpp"
 #include "sim/operation_count.hpp"
 
 namespace py = pybind11;
-
-namespace {
-
-tledface::KernelPath kernel_path(const std::string& got) {
-  for (const auto& [name, path] : {std::pair("auto", tledface::KernelPath::kAuto),
-                                   std::pair("rows", tledface::KernelPath::kRows),
-                                   std::pair("gather", tledface::KernelPath::kGather)})
-    if (got == name) return path;
-  throw tledface::InputError("kernels: got '" + got + "', allowed are 'auto', 'rows', 'gather'");
-}
-
-}  // namespace
 
 void define_roofline(py::module_& module) {
   using namespace tledface;
@@ -86,7 +75,7 @@ void define_roofline(py::module_& module) {
         };
         options.simulator.hourglass = physical ? HourglassForm::kPhysical : HourglassForm::kKappa;
         options.simulator.precision = is_double ? Precision::kDouble : Precision::kSingle;
-        options.simulator.kernels = kernel_path(kernels);
+        options.simulator.kernels = pick_kernels(kernels);
         options.rounds = rounds;
         options.block_seconds = seconds;
         options.checks = checks;

@@ -14,6 +14,7 @@ from typing import Any
 
 from tledface import _core
 from tledface import device as device_module
+from tledface.autotune import tune
 from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
 from tledface.progress import spinner
@@ -66,8 +67,11 @@ def measure(
     ):
         if got not in allowed:
             raise InputError(f"{name}: got {got!r}; allowed: {', '.join(allowed)}")
+    opened = device_module.resolve(device)
+    if kernels == "auto":
+        tune(opened, precision=precision, hourglass=hourglass)
     text = _core.bench_measure(
-        device_module.resolve(device),
+        opened,
         workload,
         elements=elements or 0,
         physical=hourglass == "physical",
