@@ -148,7 +148,8 @@ def test_slender_bodies_reach_the_tolerance_in_single_precision(executor, length
 
         # What is left is said, and is what float32 makes of the exact state too.
         assert info.kept_residual == pytest.approx(imbalance(), rel=1e-6)
-        assert info.kept_residual == pytest.approx(rounding, rel=0.5)
+        # Chance has a say in how a state's digits fall: 0.5 to 2.1 times over 48 states.
+        assert rounding / 2.5 < info.kept_residual < 2.5 * rounding
         sim.set_state(exact.u)
         assert imbalance() == pytest.approx(rounding, rel=0.5)
 
