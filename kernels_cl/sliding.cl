@@ -11,8 +11,8 @@
 //    the nearest of a triangle that is none, no other can be closest within (d_k - d_1)/2.
 // 3. Past that, the candidates are sought again in a uniform grid of the triangles.
 //
-// What a node gets does not depend on when levels 2 and 3 were last run for it, so results repeat bit
-// for bit and a restart goes on with the same bits. All positions are relative to a point amid the
+// What a node gets does not depend on when levels 2 and 3 were last run for it, but for rounding where
+// two regions meet: a checkpoint holds the regions. All positions are relative to a point amid the
 // nodes. Arrays: sliding_layout.cl.
 //
 // Of a surface that moves, all this is done as seen from the surface. Friction is Coulomb's with what

@@ -321,6 +321,7 @@ void Simulator::set_state(const std::vector<double>& u, const std::vector<double
   write_reals(*u_[1 - now_], before);
   for (auto& buffer : history_)
     write_reals(*buffer, std::vector<double>(std::size_t(arrays_.n_history_rows) * arrays_.lanes));
+  if (sliding_) sliding_->forget();
   clock_start_ = time;
   clock_steps_ = n_steps_ = 0;
   starts_ = true;
@@ -346,6 +347,7 @@ RawState Simulator::raw_state() {
     state.limit_square = limiter_->last_square();
   }
   if (state.limit_squares.empty()) state.limit_squares = {0};  // files take no empty array
+  state.sliding = sliding_ ? sliding_->state() : std::vector<std::uint8_t>{0};
   return state;
 }
 
@@ -369,6 +371,12 @@ void Simulator::set_raw_state(const RawState& state) {
   dt_ = state.dt;
   n_steps_ = state.n_steps;
   starts_ = state.starts;
+  if (sliding_) {
+    if (state.sliding.size() > 1)
+      sliding_->set_state(state.sliding);
+    else
+      sliding_->forget();
+  }
   if (limiter_ || state.limit_square > 0)
     limiter().restore(state.limit_squares, state.limit_square);
 }

@@ -46,6 +46,9 @@ struct RawState {
   // Of StepLimiter; a single 0, and 0, before its first iteration.
   std::vector<double> limit_squares;
   double limit_square = 0;
+  // Of Sliding: what is known of the nodes' surfaces; empty: sought again, the same but for
+  // rounding.
+  std::vector<std::uint8_t> sliding;
 };
 
 // What changes from step to step, for n steps.

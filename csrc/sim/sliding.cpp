@@ -234,6 +234,60 @@ void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   }
 }
 
+std::vector<std::uint8_t> Sliding::state() const {
+  device_.finish();
+  std::vector<std::uint8_t> bytes;
+  for (const Buffer* buffer :
+       {rows_.get(), regions_.get(), ints_.get(), candidates_.get(), candidate_reals_.get()}) {
+    bytes.resize(bytes.size() + buffer->bytes());
+    buffer->read(bytes.data() + (bytes.size() - buffer->bytes()), buffer->bytes());
+  }
+  return bytes;
+}
+
+void Sliding::set_state(const std::vector<std::uint8_t>& state) {
+  Buffer* const buffers[] = {rows_.get(), regions_.get(), ints_.get(), candidates_.get(),
+                             candidate_reals_.get()};
+  std::size_t needed = 0;
+  for (const Buffer* buffer : buffers) needed += buffer->bytes();
+  if (state.size() != needed)
+    throw InputError("state: it holds " + std::to_string(state.size()) +
+                     " bytes of sliding nodes, this model on this device in this precision has " +
+                     std::to_string(needed) +
+                     "; restore with the model, precision and device it was saved with");
+  device_.finish();
+  const std::uint8_t* at = state.data();
+  for (Buffer* buffer : buffers) {
+    buffer->write(at, buffer->bytes());
+    at += buffer->bytes();
+  }
+}
+
+void Sliding::forget() {
+  const std::size_t lanes = lanes_;
+  auto regions = read_regions();
+  for (std::size_t row = 0; row < n_rows_; ++row)
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
+      const auto at = [&](int k) -> double& {
+        return regions[(row * REGION_ROWS + k) * lanes + lane];
+      };
+      if (at(REGION_RADIUS) >= 1e30f) continue;  // no node
+      for (int k = REGION_ALONG; k < REGION_DISTANCE; ++k) at(k) = 0;
+      for (int k = REGION_ROUND; k < REGION_ROWS; ++k) at(k) = 0;
+    }
+  const auto put = [&](Buffer& buffer, const std::vector<double>& values) {
+    if (precision_ == Precision::kDouble) {
+      buffer.write(values.data(), values.size() * sizeof(double));
+    } else {
+      const std::vector<float> narrow(values.begin(), values.end());
+      buffer.write(narrow.data(), narrow.size() * sizeof(float));
+    }
+  };
+  put(*regions_, regions);
+  put(*rows_, std::vector<double>(n_rows_ * SLIDE_ROWS * lanes, 0.0));
+  put(*candidate_reals_, std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
+}
+
 std::vector<double> Sliding::read_regions() const {
   const std::size_t count = n_rows_ * REGION_ROWS * std::size_t(lanes_);
   std::vector<double> rows(count);

@@ -43,6 +43,11 @@ class Sliding {
   void bind(const Buffer* const (&u)[2], const Buffer& step_table, std::int32_t step_reals);
   // keep_normals: for normals().
   void enqueue(int next, std::int32_t step_index, bool keep_normals);
+  // Regions and candidates, as they lie on this device; see RawState.
+  std::vector<std::uint8_t> state() const;
+  void set_state(const std::vector<std::uint8_t>& state);
+  // Every node seeks its surface at the next step.
+  void forget();
   // Unit normals of the surfaces at the nodes when normals were last kept, 3 a node in the order
   // given, zero in held components: where their reactions point.
   std::vector<double> normals() const;

@@ -319,6 +319,7 @@ class _RawState(TypedDict):
     starts: bool
     limit_squares: NDArray[np.float64]
     limit_square: float
+    sliding: NDArray[np.uint8]
 
 def choose_kernels(
     device: str,
@@ -429,6 +430,7 @@ class Simulator:
         starts: bool,
         limit_squares: ArrayLike,
         limit_square: float,
+        sliding: ArrayLike = ...,
     ) -> None: ...
     def internal_force(self, activations: ArrayLike, /) -> NDArray[np.float64]: ...
     def element_state(self, activations: ArrayLike, /) -> _ElementState: ...

@@ -171,6 +171,8 @@ def _read(
     for muscle, schedule in schedules.items():
         sim.activate(muscle, schedule)
     layout = _read_layout(file["state/layout"])
+    if unlike or layout["lanes"] != sim._core.lanes:
+        state.pop("sliding", None)  # arranged as its device needs it; sought again
     if layout["lanes"] != sim._core.lanes:
         state = _moved(state, layout, sim, path)
     sim._core.set_raw_state(**state)

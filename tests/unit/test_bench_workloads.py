@@ -104,8 +104,8 @@ def test_instructions_are_those_of_the_text():
     sums = plain["added"] - kappa["added"]
     assert sum(multiplying.values()) == pytest.approx(129, abs=3)
     assert sums == pytest.approx(18, abs=3)
-    # Cubes: no ratios in the three twists (2 each) nor in the three moments of two twists (2 each), of
-    # which one becomes a multiply-add more; scales that all axes share are counted for each.
+    # Cubes: no ratios in the three twists (2 each) nor in the three moments of two twists (2
+    # each), of which one becomes a multiply-add more; scales all axes share are counted for each.
     cubes = counts(block((6, 6, 6)))
     fewer = sum(plain[k] - cubes[k] for k in ("fused", "multiplied"))
     assert fewer == pytest.approx(11, abs=1)
