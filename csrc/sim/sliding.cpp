@@ -15,15 +15,19 @@ constexpr std::size_t kGroup = 64;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 19, kKeepWays = 20;
 
+void write_reals(Buffer& buffer, const std::vector<double>& values, Precision precision) {
+  if (precision == Precision::kDouble) {
+    buffer.write(values.data(), values.size() * sizeof(double));
+  } else {
+    const std::vector<float> narrow(values.begin(), values.end());
+    buffer.write(narrow.data(), narrow.size() * sizeof(float));
+  }
+}
+
 std::unique_ptr<Buffer> upload(Device& device, const std::vector<double>& values,
                                Precision precision) {
   auto buffer = device.allocate(values.size() * real_size(precision));
-  if (precision == Precision::kDouble) {
-    buffer->write(values.data(), values.size() * sizeof(double));
-  } else {
-    const std::vector<float> narrow(values.begin(), values.end());
-    buffer->write(narrow.data(), narrow.size() * sizeof(float));
-  }
+  write_reals(*buffer, values, precision);
   return buffer;
 }
 
@@ -234,22 +238,24 @@ void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   }
 }
 
+std::array<Buffer*, 5> Sliding::known() const {
+  return {rows_.get(), regions_.get(), ints_.get(), candidates_.get(), candidate_reals_.get()};
+}
+
 std::vector<std::uint8_t> Sliding::state() const {
   device_.finish();
   std::vector<std::uint8_t> bytes;
-  for (const Buffer* buffer :
-       {rows_.get(), regions_.get(), ints_.get(), candidates_.get(), candidate_reals_.get()}) {
-    bytes.resize(bytes.size() + buffer->bytes());
-    buffer->read(bytes.data() + (bytes.size() - buffer->bytes()), buffer->bytes());
+  for (const Buffer* buffer : known()) {
+    const std::size_t at = bytes.size();
+    bytes.resize(at + buffer->bytes());
+    buffer->read(bytes.data() + at, buffer->bytes());
   }
   return bytes;
 }
 
 void Sliding::set_state(const std::vector<std::uint8_t>& state) {
-  Buffer* const buffers[] = {rows_.get(), regions_.get(), ints_.get(), candidates_.get(),
-                             candidate_reals_.get()};
   std::size_t needed = 0;
-  for (const Buffer* buffer : buffers) needed += buffer->bytes();
+  for (const Buffer* buffer : known()) needed += buffer->bytes();
   if (state.size() != needed)
     throw InputError("state: it holds " + std::to_string(state.size()) +
                      " bytes of sliding nodes, this model on this device in this precision has " +
@@ -257,7 +263,7 @@ void Sliding::set_state(const std::vector<std::uint8_t>& state) {
                      "; restore with the model, precision and device it was saved with");
   device_.finish();
   const std::uint8_t* at = state.data();
-  for (Buffer* buffer : buffers) {
+  for (Buffer* buffer : known()) {
     buffer->write(at, buffer->bytes());
     at += buffer->bytes();
   }
@@ -275,17 +281,11 @@ void Sliding::forget() {
       for (int k = REGION_ALONG; k < REGION_DISTANCE; ++k) at(k) = 0;
       for (int k = REGION_ROUND; k < REGION_ROWS; ++k) at(k) = 0;
     }
-  const auto put = [&](Buffer& buffer, const std::vector<double>& values) {
-    if (precision_ == Precision::kDouble) {
-      buffer.write(values.data(), values.size() * sizeof(double));
-    } else {
-      const std::vector<float> narrow(values.begin(), values.end());
-      buffer.write(narrow.data(), narrow.size() * sizeof(float));
-    }
-  };
-  put(*regions_, regions);
-  put(*rows_, std::vector<double>(n_rows_ * SLIDE_ROWS * lanes, 0.0));
-  put(*candidate_reals_, std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
+  write_reals(*regions_, regions, precision_);
+  write_reals(*rows_, std::vector<double>(n_rows_ * SLIDE_ROWS * lanes, 0.0), precision_);
+  // A radius of 0: sought at the next step.
+  write_reals(*candidate_reals_, std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0),
+              precision_);
 }
 
 std::vector<double> Sliding::read_regions() const {

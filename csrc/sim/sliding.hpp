@@ -1,6 +1,7 @@
 // Nodes that slide on surfaces, on a device: the arrays of kernels_cl/sliding_layout.cl and the
 // kernel that comes last in each step.
 #pragma once
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <vector>
@@ -64,6 +65,7 @@ class Sliding {
   std::unique_ptr<Buffer> reals(const std::vector<double>& values);
   std::unique_ptr<Buffer> integers(const std::vector<std::int32_t>& values);
   std::vector<double> read_regions() const;
+  std::array<Buffer*, 5> known() const;  // arrays of what state() holds
 
   Device& device_;
   Precision precision_;

@@ -7,7 +7,6 @@ with loads, sliding and the watch over the time step.
 
 from __future__ import annotations
 
-import json as json_module
 import os
 import statistics
 import tempfile
@@ -18,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 from tledface import _core
 from tledface import device as device_module
+from tledface.bench_report import report
 from tledface.catalogue import REFERENCE, Example, shipped
 from tledface.errors import InputError
-from tledface.io._atomic import atomic_path
 from tledface.progress import spinner
 
 if TYPE_CHECKING:
@@ -198,17 +197,7 @@ def main(
         "skipped": skipped,
     }
     text = table(result)
-    if output is not None:
-        for path, content in (
-            (output, json_module.dumps(result, indent=1) + "\n"),
-            (output.with_suffix(".md"), text + "\n"),
-        ):
-            with atomic_path(path, "benchmark") as part:
-                part.write_text(content, encoding="utf-8")
-    if json:
-        print(json_module.dumps(result, indent=1))
-    elif not quiet:
-        print(text)
+    report(result, text, output=output, json=json, quiet=quiet)
     return result
 
 

@@ -15,8 +15,8 @@ from typing import Any
 from tledface import _core
 from tledface import device as device_module
 from tledface.autotune import tune
+from tledface.bench_report import report
 from tledface.errors import InputError
-from tledface.io._atomic import atomic_path
 from tledface.progress import spinner
 
 __all__ = ["LARGE", "QUICK", "SIZES", "flatness", "main", "measure", "sizes", "table"]
@@ -165,17 +165,7 @@ def main(
     if with_sizes:
         result["sizes"] = sizes(opened, rounds=rounds, quiet=silent)
     text = table(result)
-    if output is not None:
-        for path, content in (
-            (output, json_module.dumps(result, indent=1) + "\n"),
-            (output.with_suffix(".md"), text + "\n"),
-        ):
-            with atomic_path(path, "benchmark") as part:
-                part.write_text(content, encoding="utf-8")
-    if json:
-        print(json_module.dumps(result, indent=1))
-    elif not quiet:
-        print(text)
+    report(result, text, output=output, json=json, quiet=quiet)
     return result
 
 
