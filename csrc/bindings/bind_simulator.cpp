@@ -411,15 +411,15 @@ void define_simulator(py::module_& module) {
           [](Simulator& sim, const Array<std::uint8_t>& u, const Array<std::uint8_t>& u_prev,
              const Array<std::uint8_t>& history, double clock_start, std::int64_t clock_steps,
              double dt, std::int64_t n_steps, bool starts, const Array<double>& limit_squares,
-             double limit_square, const Array<std::uint8_t>& sliding) {
+             double limit_square, const std::optional<Array<std::uint8_t>>& sliding) {
             sim.set_raw_state({to_vector(u), to_vector(u_prev), to_vector(history), clock_start, dt,
                                clock_steps, n_steps, starts, to_vector(limit_squares), limit_square,
-                               to_vector(sliding)});
+                               sliding ? to_vector(*sliding) : std::vector<std::uint8_t>()});
           },
           py::kw_only(), py::arg("u"), py::arg("u_prev"), py::arg("history"),
           py::arg("clock_start"), py::arg("clock_steps"), py::arg("dt"), py::arg("n_steps"),
           py::arg("starts"), py::arg("limit_squares"), py::arg("limit_square"),
-          py::arg("sliding") = Array<std::uint8_t>())
+          py::arg("sliding") = py::none())
       .def("internal_force",
            [](Simulator& sim, const Array<double>& activations) {
              return to_array(sim.internal_force(to_vector(activations)), 3);
