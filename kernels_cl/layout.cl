@@ -23,6 +23,12 @@
 #define BLOCK_LAW_BEGIN 12  // its entries of `law_entries`
 #define BLOCK_LAW_END 13
 #define BLOCK_NEXT_XY 14  // BLOCK_NEXT_X of BLOCK_NEXT_Y
+// Subcycling: level of its nodes, of its elements and of the nodes of the block before in x, four
+// bits each. What is on level l takes a step of 2^l of the shortest steps. Rows kernels only.
+#define BLOCK_LEVELS 15
+#define NODE_LEVEL(levels) ((levels) & 15)
+#define ELEMENT_LEVEL(levels) ((levels) >> 4 & 15)
+#define PREV_X_LEVEL(levels) ((levels) >> 8 & 15)
 
 // materials: row sets of element parameters; blocks alike share one.
 #define TLED_MATERIAL_ROWS 10
@@ -49,14 +55,18 @@
 #define TLED_MUSCLE_ROWS 4     // fibre direction x, y, z; weight (0: no fibre in this lane)
 #define TLED_MUSCLE_CONSTANTS 8  // reals a muscle, see muscle/tension_length.cl
 
-// step_table[step * TLED_STEP_REALS(n) + ...]: what changes from step to step.
-#define STEP_VELOCITY 0  // (1 - a dt/2) / (1 + a dt/2), a the damping
-#define STEP_FORCE 1     // dt^2 / (1 + a dt/2); half of it in the step that starts from rest
-#define STEP_GRAVITY 2   // three: gravity times the above
-#define STEP_DT 6        // s; below 0: see LawState
+// step_table[step * TLED_STEP_REALS(n) + ...]: what changes from step to step. The first five are
+// there for each level of subcycling, TLED_STEP_LEVEL reals apart; d is dt of level 0.
+#define STEP_VELOCITY 0  // (1 - a dt/2) / (1 + a dt/2), a the damping, dt of the level
+#define STEP_FORCE 1     // d dt / (1 + a dt/2); half of it in the step that starts from rest
+#define STEP_GRAVITY 2   // three: gravity times dt^2 / (1 + a dt/2)
+#define STEP_DUE 5       // dt / d, the weight of forces where the level is due, else 0
+#define STEP_DT 6        // s, of level 0; below 0: see LawState
 #define STEP_TIME 7      // s, at the begin of the step
-#define STEP_UNIT 5      // 1, the factor of loads that do not change
-#define STEP_ACTIVATION 8  // and on: activation of each muscle, then conditions on nodes
+#define STEP_UNIT 5      // 1, the factor of loads that do not change: level 0 is always due
+#define TLED_STEP_LEVEL 8
+#define TLED_MOST_LEVELS 5
+#define STEP_ACTIVATION 40  // and on: activation of each muscle, then conditions on nodes
 
 // shape: constants of the voxel.
 #define SHAPE_GRADIENT 0  // three: 1/(4 h_d)

@@ -131,6 +131,27 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
   }
 }
 
+// An element's forces times `weight`: of a level of subcycling above 0.
+INLINE void weigh_element(ElementForce* e, real weight) {
+  e->along_F = scaled(e->along_F, broadcast(weight));
+  e->along_cof = scaled(e->along_cof, broadcast(weight));
+  if (e->has_own) {
+    e->own.xx *= weight;
+    e->own.xy *= weight;
+    e->own.xz *= weight;
+    e->own.yx *= weight;
+    e->own.yy *= weight;
+    e->own.yz *= weight;
+    e->own.zx *= weight;
+    e->own.zy *= weight;
+    e->own.zz *= weight;
+  }
+  e->f.xy = scaled(e->f.xy, broadcast(weight));
+  e->f.yz = scaled(e->f.yz, broadcast(weight));
+  e->f.zx = scaled(e->f.zx, broadcast(weight));
+  e->f.xyz = scaled(e->f.xyz, broadcast(weight));
+}
+
 // Row c of P_scaled, from the rows c of its parts and component c of each mode's force.
 INLINE Vec stress_row(const ElementForce* e, realv F_x, realv F_y, realv F_z, realv cof_x,
                       realv cof_y, realv cof_z, realv own_x, realv own_y, realv own_z, realv f_xy,

@@ -77,15 +77,16 @@ INLINE void integrate(__global const real* u, __global real* u_prev,
 // The nodes of a block whose elements' forces on them are complete but for what lies in scratch and
 // edge. out: u_prev, which becomes the next displacement, or the forces (forces_only).
 typedef struct {
-  __global const real *u, *inverse_mass, *step, *from_left;
+  __global const real *u, *inverse_mass, *step, *from_left;  // step: of their level
   __global real *out, *scratch, *to_right;  // to_right: 0 where there is no block behind
   int seed, has_gravity;
+  int left_rests;  // 1: what is in from_left is of an earlier step
 } RowNodes;
 
 INLINE void finish_component(RowNodes n, FaceForce f, const int component, const int forces_only) {
   real right;
-  const realv force =
-      distribute(f, n.from_left[component], n.scratch + component * TLED_LANES, &right);
+  const real left = n.left_rests ? R(0.0) : n.from_left[component];
+  const realv force = distribute(f, left, n.scratch + component * TLED_LANES, &right);
   if (n.seed) return;
   if (n.to_right) n.to_right[component] = right;
   if (forces_only)
@@ -98,10 +99,12 @@ INLINE RowNodes row_nodes(ElementTables t, __global const real* u, __global real
                           __global const real* node_sets, __global real* scratch,
                           __global real* edge, __global const int* links, int block, int flags) {
   const long at = (long)block * (3 * TLED_LANES);
+  const int levels = links[BLOCK_LEVELS];
   RowNodes n;
   n.seed = flags & ROW_SEED;
   n.has_gravity = flags & ROW_GRAVITY;
-  n.step = t.step;
+  n.step = t.step + NODE_LEVEL(levels) * TLED_STEP_LEVEL;
+  n.left_rests = t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0);
   n.u = u + at;
   n.out = out + at;
   n.inverse_mass = node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
@@ -136,12 +139,16 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
     for (int block = begin; block < end; ++block) {
       __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
       const RowNodes nodes = row_nodes(t, u, out, node_sets, scratch, edge, links, block, flags);
-      if (links[BLOCK_MATERIAL] >= 0) {
+      // Of a block whose nodes are due the elements may rest: their neighbours are stiffer.
+      const real weight =
+          t.step[ELEMENT_LEVEL(links[BLOCK_LEVELS]) * TLED_STEP_LEVEL + STEP_DUE];
+      if (links[BLOCK_MATERIAL] >= 0 && weight != R(0.0)) {
         if (!low_is_valid) load_face(u, blocks, block, &low);
         load_face(u, blocks, block + 1, &high);
         ElementForce e;
         row_element(t, &low, &high, links, block, !forces_only && !nodes.seed, physical, cube,
                     &e);
+        if (weight != R(1.0)) weigh_element(&e, weight);
         finish_component(nodes, element_force_x(&e, &carried, physical), 0, forces_only);
         finish_component(nodes, element_force_y(&e, &carried, physical), 1, forces_only);
         finish_component(nodes, element_force_z(&e, &carried, physical), 2, forces_only);
@@ -179,6 +186,19 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
     process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, physical, cube,    \
                  forces_only);                                                                     \
   }
+
+// Subcycling: exchanges displacement and the one before of blocks that were due and are above level
+// 0, since steps of level 0 write them in turns. Work-item: a block of `list`.
+__kernel void swap_blocks(__global real* restrict u, __global real* restrict u_prev,
+                          __global const int* restrict list, int n) {
+  if ((int)get_global_id(0) >= n) return;
+  const long at = (long)list[get_global_id(0)] * (3 * TLED_LANES);
+  for (int row = 0; row < 3; ++row) {
+    const realv a = load_lanes(u + at + row * TLED_LANES);
+    store_lanes(load_lanes(u_prev + at + row * TLED_LANES), u + at + row * TLED_LANES);
+    store_lanes(a, u_prev + at + row * TLED_LANES);
+  }
+}
 
 TLED_ROWS_KERNEL(step_rows_physical, 1, 0, 0)
 TLED_ROWS_KERNEL(step_rows_cubes, 1, 1, 0)

@@ -70,7 +70,8 @@ typedef struct {
   __global int* ints;
   __global int* candidates;
   __global real* candidate_reals;
-  __global const real* pose;  // of a surface that moves
+  // Of a surface that moves, at the begin and at the end of the nodes' step.
+  __global const real *pose_before, *pose;
   int moves, first, last;
 } SlideRow;
 
@@ -222,6 +223,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
                           __global const real* restrict grid_reals,
                           __global const int* restrict cell_begin,
                           __global const int* restrict cell_triangles,
+                          __global const int* restrict blocks,
                           __global const real* restrict step_table, int n_items, int first_row,
                           int has_laws, int pose_column, int step_reals, int step_index,
                           int keep_ways) {
@@ -234,12 +236,20 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
 #endif
   __global const real* step = step_table + (long)step_index * step_reals;
   const long node = (long)place * TLED_LANES;
+  const long dof = slide_ints[node * SLIDE_INTS + first];
+  const int block = (int)(dof / (3 * TLED_LANES));
+  const int level = NODE_LEVEL(blocks[(long)block * TLED_BLOCK_INTS + BLOCK_LEVELS]);
+  __global const real* of_level = step + level * TLED_STEP_LEVEL;
+  if (of_level[STEP_DUE] == R(0.0)) return;
+  // The last of the shortest steps in the nodes' own.
+  __global const real* end = step + ((1 << level) - 1) * step_reals;
   const SlideRow row = {slide_rows + node * SLIDE_ROWS,
                         slide_regions + node * REGION_ROWS,
                         slide_ints + node * SLIDE_INTS,
                         candidates + node * SLIDE_CANDIDATES,
                         candidate_reals + node * SLIDE_CANDIDATE_REALS,
-                        step + (pose_column < 0 ? 0 : pose_column + POSE_REALS),
+                        step + (pose_column < 0 ? 0 : pose_column),
+                        end + (pose_column < 0 ? 0 : pose_column + POSE_REALS),
                         pose_column >= 0,
                         first,
                         last};
@@ -249,7 +259,6 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
 #if TLED_VECTOR_ROWS
   fetch_ahead(&row, u_next, n_items - 1 - item);
 #endif
-  const long dof = row.ints[first];
   Points u = lanes_of(u_next + dof);
   Points seen = lanes_seen(&row, u);
   find_surfaces(&row, &surfaces, seen, u_next);
@@ -262,7 +271,7 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
       // The way in this step as seen from the surface, and of it the part along the surface.
       Points rubbed = lanes_of(u_now + dof);
       if (row.moves)
-        rubbed = lanes_seen_from(row.pose - POSE_REALS,
+        rubbed = lanes_seen_from(row.pose_before,
                                  lanes_of(region + REGION_PLACE * TLED_LANES), rubbed);
       rubbed.x = seen.x - rubbed.x;
       rubbed.y = seen.y - rubbed.y;
@@ -274,7 +283,8 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
       const realv length = square_root(lanes_inner(rubbed, rubbed));
       const realv share = rubbed_share(coefficient, released(way.off, region, laws), length);
       store_lanes(load_lanes(region + REGION_LOSS * TLED_LANES) +
-                      share * length * length * (R(1.0) - share) / step[STEP_FORCE],
+                      share * length * length * (R(1.0) - share) /
+                          (of_level[STEP_FORCE] * of_level[STEP_DUE]),
                   region + REGION_LOSS * TLED_LANES);
       if (row.moves) rubbed = lanes_turned(row.pose, rubbed);
       u.x -= share * may.x * rubbed.x;

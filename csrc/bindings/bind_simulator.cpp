@@ -290,6 +290,12 @@ void define_simulator(py::module_& module) {
           },
           py::arg("n"), py::arg("activations"), py::arg("values") = py::none(),
           py::arg("keys") = py::none())
+      .def_property_readonly("can_subcycle", &Simulator::can_subcycle)
+      .def_property("substeps", &Simulator::substeps, &Simulator::set_substeps)
+      .def("choose_levels", &Simulator::choose_levels)
+      .def("relative_cost",
+           [](const Simulator& sim) { return relative_cost(sim.arrays(), sim.levels()); })
+      .def("node_steps", [](const Simulator& sim) { return to_array(sim.node_steps()); })
       .def_property_readonly("n_prescribed",
                              [](const Simulator& sim) { return sim.conditions().n_prescribed; })
       .def_property_readonly("n_pose_values",
@@ -404,6 +410,7 @@ void define_simulator(py::module_& module) {
              result["limit_squares"] = to_array(std::move(state.limit_squares));
              result["limit_square"] = state.limit_square;
              result["sliding"] = to_array(std::move(state.sliding));
+             result["levels"] = to_array(std::move(state.levels));
              return result;
            })
       .def(
@@ -411,15 +418,23 @@ void define_simulator(py::module_& module) {
           [](Simulator& sim, const Array<std::uint8_t>& u, const Array<std::uint8_t>& u_prev,
              const Array<std::uint8_t>& history, double clock_start, std::int64_t clock_steps,
              double dt, std::int64_t n_steps, bool starts, const Array<double>& limit_squares,
-             double limit_square, const std::optional<Array<std::uint8_t>>& sliding) {
+             double limit_square, const std::optional<Array<std::uint8_t>>& sliding,
+             const std::optional<Array<std::uint8_t>>& levels) {
+            const auto bytes = [](const std::optional<Array<std::uint8_t>>& array) {
+              return array ? to_vector(*array) : std::vector<std::uint8_t>();
+            };
             sim.set_raw_state({to_vector(u), to_vector(u_prev), to_vector(history), clock_start, dt,
                                clock_steps, n_steps, starts, to_vector(limit_squares), limit_square,
-                               sliding ? to_vector(*sliding) : std::vector<std::uint8_t>()});
+                               bytes(sliding), bytes(levels)});
           },
           py::kw_only(), py::arg("u"), py::arg("u_prev"), py::arg("history"),
           py::arg("clock_start"), py::arg("clock_steps"), py::arg("dt"), py::arg("n_steps"),
           py::arg("starts"), py::arg("limit_squares"), py::arg("limit_square"),
-          py::arg("sliding") = py::none())
+          py::arg("sliding") = py::none(), py::arg("levels") = py::none())
+      .def("weighted_force",
+           [](Simulator& sim, const Array<double>& activations) {
+             return to_array(sim.weighted_force(to_vector(activations)), 3);
+           })
       .def("internal_force",
            [](Simulator& sim, const Array<double>& activations) {
              return to_array(sim.internal_force(to_vector(activations)), 3);

@@ -8,7 +8,11 @@
 
 namespace tledface {
 
-RowBands SolverArrays::make_bands(std::size_t n_bands) const {
+RowBands SolverArrays::make_bands(std::size_t n_bands, const std::vector<std::uint8_t>& levels,
+                                  int highest_level) const {
+  const auto is_due = [&](std::int32_t b) {
+    return levels.empty() || int(levels[b]) <= highest_level;
+  };
   RowBands result;
   std::int32_t lowest = std::numeric_limits<std::int32_t>::max(), highest = 0, n_chunks = 0;
   for (std::int32_t b = 0; b < n_blocks; ++b) {
@@ -26,6 +30,7 @@ RowBands SolverArrays::make_bands(std::size_t n_bands) const {
     const std::int32_t y = block_at[b][1] - lowest;
     const std::size_t at = std::size_t(block_at[b][0]) * n_y + y;
     if (count[at]++ == 0) first[at] = b;
+    if (!is_due(b)) continue;
     work[y] += blocks[std::size_t(b) * TLED_BLOCK_INTS + BLOCK_MATERIAL] >= 0 ? 1.0 : 0.25;
   }
   const double total = std::accumulate(work.begin(), work.end(), 0.0);
@@ -43,9 +48,15 @@ RowBands SolverArrays::make_bands(std::size_t n_bands) const {
       for (std::int32_t row = begin > 0 ? begin - 1 : 0; row < y; ++row) {
         const std::size_t at = std::size_t(chunk) * n_y + row;
         if (count[at] == 0) continue;
-        if (row < begin) flags |= ROW_SEED;
-        result.rows.insert(result.rows.end(), {first[at], count[at], flags, 0});
-        flags = 0;
+        // Runs of blocks that are due; what is below a run gives it nothing.
+        for (std::int32_t b = first[at], end = b + count[at]; b < end; ++b) {
+          if (!is_due(b)) continue;
+          const std::int32_t run = b;
+          while (b < end && is_due(b)) ++b;
+          result.rows.insert(result.rows.end(),
+                             {run, b - run, flags | (row < begin ? ROW_SEED : 0), 0});
+          flags = 0;
+        }
       }
     }
     result.bands.push_back(static_cast<std::int32_t>(result.rows.size() / 4));

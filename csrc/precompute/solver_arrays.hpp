@@ -57,7 +57,9 @@ struct SolverArrays {
   // Slot of a corner of an element; bits of `corner`: 1 x, 2 y, 4 z (solver axes).
   std::int64_t corner_slot(std::size_t element, int corner) const;
   double fill() const;  // active share of the lanes that are computed
-  RowBands make_bands(std::size_t n_bands) const;
+  // levels: of each block's nodes; rows then are runs of blocks up to `highest`. Empty: all.
+  RowBands make_bands(std::size_t n_bands, const std::vector<std::uint8_t>& levels = {},
+                      int highest = 0) const;
 };
 
 SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions& options);

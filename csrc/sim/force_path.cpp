@@ -15,6 +15,7 @@ constexpr unsigned kRowsStepIndex = 20, kElementsStepIndex = 14, kNodesStepIndex
                    kHexStepIndex = 16, kHexNodesStepIndex = 9;
 constexpr unsigned kElementsStore = 16, kHexStore = 18;  // 1: the history of laws is kept
 // Where those that integrate take the links of blocks and the inverse masses.
+constexpr unsigned kRowsBands = 2, kRowsRows = 3, kRowsCount = 18, kSwapList = 2, kSwapCount = 3;
 constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kNodesBlocks = 3, kNodesNodeSets = 4;
 // Work-items a group of the gather kernels: four blocks of 16 lanes.
 constexpr std::size_t kGroup = 64;
@@ -30,27 +31,18 @@ class RowsPath final : public ForcePath {
  public:
   RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
            const ForcePathOptions& options)
-      : u_{b.u[0], b.u[1]} {
+      : binder_(binder), arrays_(arrays), buffers_(b), options_(options), u_{b.u[0], b.u[1]} {
     // Two bands a compute unit: enough to level them out, few enough that seed rows cost little.
-    const std::size_t wanted =
-        options.n_bands ? options.n_bands : 2 * std::size_t(device.info().compute_units);
-    const RowBands bands = arrays.make_bands(wanted);
-    n_bands_ = bands.n_bands();
+    n_bands_ = options.n_bands ? options.n_bands : 2 * std::size_t(device.info().compute_units);
+    all_ = make_rows({}, 0);
     const std::size_t real = real_size(options.precision);
-    bands_ = binder.upload(bands.bands, bytes_);
-    rows_ = binder.upload(bands.rows, bytes_);
     scratch_ =
-        binder.allocate(n_bands_ * bands.n_planes * SCRATCH_ROWS * arrays.lanes * real, bytes_);
+        binder.allocate(all_.n_bands * all_.n_planes * SCRATCH_ROWS * arrays.lanes * real, bytes_);
     edge_ = binder.allocate(std::size_t(arrays.n_blocks + 1) * 4 * real, bytes_);
-    for (int parity = 0; parity < 2; ++parity)
-      for (const bool forces : {false, true})
-        (forces ? force_ : step_)[parity] = binder.make(
-            forces ? "force_rows_" + form_of(options) : "step_rows_" + step_form(arrays, options),
-            {b.u[parity], b.u[1 - parity], bands_.get(), rows_.get(), b.blocks, b.materials,
-             b.node_sets, b.law_entries, b.law_sets, b.history[parity], b.history[1 - parity],
-             b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape, b.step_table,
-             scratch_.get(), edge_.get()},
-            {static_cast<std::int32_t>(n_bands_), bands.n_planes, 0, options.step_reals});
+    for (int parity = 0; parity < 2; ++parity) {
+      step_[parity] = make_kernel("step_rows_" + step_form(arrays, options), parity);
+      force_[parity] = make_kernel("force_rows_" + form_of(options), parity);
+    }
   }
 
   void bind_masses(const Buffer& blocks, const Buffer& node_sets) override {
@@ -59,21 +51,90 @@ class RowsPath final : public ForcePath {
       kernel->set_arg(kRowsNodeSets, node_sets);
     }
   }
-  void enqueue_step(int now, std::int32_t index) override {
+  void enqueue_step(int now, std::int32_t index, int highest) override {
+    const bool some = highest >= 0 && highest + 1 < static_cast<int>(due_.size());
+    const DueRows& rows = some ? due_[highest] : all_;
+    if (rows.n_bands == 0) return;
+    bind_rows(*step_[now], rows);
     step_[now]->set_arg(kRowsStepIndex, index);
-    step_[now]->enqueue(n_bands_, 1);
+    step_[now]->enqueue(rows.n_bands, 1);
   }
   void enqueue_forces(int now, Buffer& force) override {
     force_[now]->set_arg(1, force);
-    force_[now]->enqueue(n_bands_, 1);
+    force_[now]->enqueue(all_.n_bands, 1);
     force_[now]->set_arg(1, *u_[1 - now]);
   }
 
+  bool subcycles() const override { return true; }
+  void set_levels(const BlockLevels& levels) override {
+    due_.clear();
+    swap_ends_.assign(levels.n_levels, 0);
+    if (levels.n_levels == 1) return;
+    for (int level = 0; level < levels.n_levels; ++level)
+      due_.push_back(level + 1 < levels.n_levels ? make_rows(levels.nodes, level) : DueRows());
+    std::vector<std::int32_t> list;
+    for (int level = 1; level < levels.n_levels; ++level) {
+      for (std::int32_t b = 0; b < arrays_.n_blocks; ++b)
+        if (levels.nodes[b] == level) list.push_back(b);
+      swap_ends_[level] = static_cast<std::int32_t>(list.size());
+    }
+    if (list.empty()) return;
+    swap_list_ = binder_.upload(list, bytes_);
+    if (!swap_) swap_ = binder_.make("swap_blocks", {u_[0], u_[1]}, {});
+    swap_->set_arg(kSwapList, *swap_list_);
+  }
+  void enqueue_swap(int highest) override {
+    const std::int32_t n = highest > 0 ? swap_ends_[highest] : 0;
+    if (n == 0) return;
+    swap_->set_arg(kSwapCount, n);
+    swap_->enqueue(static_cast<std::size_t>(n), kGroup);
+  }
+
  private:
+  // Rows that a step walks.
+  struct DueRows {
+    std::size_t n_bands = 0;
+    std::int32_t n_planes = 0;
+    std::unique_ptr<Buffer> bands, rows;
+  };
+
+  DueRows make_rows(const std::vector<std::uint8_t>& levels, int highest) {
+    const RowBands bands = arrays_.make_bands(n_bands_, levels, highest);
+    DueRows rows;
+    if (bands.rows.empty()) return rows;
+    rows.n_bands = bands.n_bands();
+    rows.n_planes = bands.n_planes;
+    rows.bands = binder_.upload(bands.bands, bytes_);
+    rows.rows = binder_.upload(bands.rows, bytes_);
+    return rows;
+  }
+  std::unique_ptr<Kernel> make_kernel(const std::string& name, int parity) const {
+    const SolverBuffers& b = buffers_;
+    return binder_.make(
+        name,
+        {b.u[parity], b.u[1 - parity], all_.bands.get(), all_.rows.get(), b.blocks, b.materials,
+         b.node_sets, b.law_entries, b.law_sets, b.history[parity], b.history[1 - parity],
+         b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape, b.step_table, scratch_.get(),
+         edge_.get()},
+        {static_cast<std::int32_t>(all_.n_bands), all_.n_planes, 0, options_.step_reals});
+  }
+  void bind_rows(Kernel& kernel, const DueRows& rows) const {
+    kernel.set_arg(kRowsBands, *rows.bands);
+    kernel.set_arg(kRowsRows, *rows.rows);
+    kernel.set_arg(kRowsCount, static_cast<std::int32_t>(rows.n_bands));
+  }
+
+  const Binder binder_;
+  const SolverArrays& arrays_;
+  const SolverBuffers buffers_;
+  const ForcePathOptions options_;
   const Buffer* u_[2];
   std::size_t n_bands_ = 0;
-  std::unique_ptr<Buffer> bands_, rows_, scratch_, edge_;
-  std::unique_ptr<Kernel> step_[2], force_[2];
+  DueRows all_;
+  std::vector<DueRows> due_;  // by the highest level that is due; of the highest of all: all_
+  std::vector<std::int32_t> swap_ends_;  // by the highest level: how many of the list
+  std::unique_ptr<Buffer> scratch_, edge_, swap_list_;
+  std::unique_ptr<Kernel> step_[2], force_[2], swap_;
 };
 
 class GatherPath final : public ForcePath {
@@ -105,7 +166,7 @@ class GatherPath final : public ForcePath {
       kernel->set_arg(kNodesNodeSets, node_sets);
     }
   }
-  void enqueue_step(int now, std::int32_t index) override {
+  void enqueue_step(int now, std::int32_t index, int) override {
     step_[now]->set_arg(kElementsStepIndex, index);
     step_[now]->enqueue(n_slots_, kGroup);
     integrate_[now]->set_arg(kNodesStepIndex, index);
@@ -169,7 +230,7 @@ class HexahedraPath final : public ForcePath {
       kernel->set_arg(kNodesNodeSets, node_sets);
     }
   }
-  void enqueue_step(int now, std::int32_t index) override {
+  void enqueue_step(int now, std::int32_t index, int) override {
     step_[now]->set_arg(kHexStepIndex, index);
     step_[now]->enqueue(n_items_, kGroup);
     integrate_[now]->set_arg(kHexNodesStepIndex, index);

@@ -8,6 +8,7 @@
 #include "backend/device.hpp"
 #include "precompute/solver_arrays.hpp"
 #include "precompute/tiles.hpp"
+#include "sim/subcycling.hpp"
 
 namespace tledface {
 
@@ -35,8 +36,15 @@ class ForcePath {
   virtual ~ForcePath() = default;
   // Which links and inverse masses the nodes are moved with.
   virtual void bind_masses(const Buffer& blocks, const Buffer& node_sets) = 0;
-  // A step from u[now] into u[1 - now], with row `index` of the step table.
-  virtual void enqueue_step(int now, std::int32_t index) = 0;
+  // A step from u[now] into u[1 - now], with row `index` of the step table, of the blocks up to
+  // level `highest`; -1: of all.
+  virtual void enqueue_step(int now, std::int32_t index, int highest) = 0;
+  // After all that changes u of the step: blocks above level 0 are left as the next step needs
+  // them.
+  virtual void enqueue_swap(int highest) { static_cast<void>(highest); }
+  // Paths that cannot subcycle have one level.
+  virtual bool subcycles() const { return false; }
+  virtual void set_levels(const BlockLevels& levels) { static_cast<void>(levels); }
   // Forces of the elements on the nodes under u[now], row 0 of the table; histories stay.
   virtual void enqueue_forces(int now, Buffer& force) = 0;
   std::size_t bytes() const { return bytes_; }  // of its own arrays

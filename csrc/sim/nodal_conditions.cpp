@@ -16,8 +16,8 @@ namespace {
 constexpr std::size_t kGroup = 64;
 constexpr std::size_t kShapeReals = 6;  // PRESSURE_SHAPE_REALS of kernels_cl/conditions.cl
 // Where the kernels take the index of the step in the table, and the key.
-constexpr unsigned kLoadsStepIndex = 9, kPressureStepIndex = 11, kPrescribeStepIndex = 5,
-                   kFieldsStepIndex = 5, kFieldsKey = 8;
+constexpr unsigned kLoadsStepIndex = 9, kPressureStepIndex = 11, kPrescribeStepIndex = 6,
+                   kFieldsStepIndex = 6;
 
 std::array<double, 3> difference(const double* a, const double* b) {
   return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
@@ -185,20 +185,21 @@ void NodalConditions::bind(const Buffer* const (&u)[2], const Buffer& blocks,
           {n_pressure_nodes_, 0, step_reals});
     if (prescribe_[parity])
       set(*prescribe_[parity],
-          {next, prescribed_dofs_.get(), prescribed_columns_.get(), &step_table},
+          {next, &blocks, prescribed_dofs_.get(), prescribed_columns_.get(), &step_table},
           {static_cast<std::int32_t>(given_.prescribed_dofs.size()), 0, step_reals});
     if (fields_[parity])
-      set(*fields_[parity], {next, field_dofs_.get(), keys_.get(), &step_table},
-          {static_cast<std::int32_t>(n_fields()), 0, step_reals, first_column_ + given_.n_values(),
-           0});
+      set(*fields_[parity], {next, &blocks, field_dofs_.get(), keys_.get(), &step_table},
+          {static_cast<std::int32_t>(n_fields()), 0, step_reals,
+           first_column_ + given_.n_values()});
   }
 }
 
-void NodalConditions::fill_columns(const double* values, double field_weight,
-                                   double* columns) const {
+void NodalConditions::fill_columns(const double* values, FieldMoment field, double* columns) const {
   std::copy_n(values, given_.n_values(), columns);
   for (std::int32_t i = 0; i < given_.n_pressures; ++i) columns[given_.n_loads + i] *= area_sign_;
-  if (n_fields()) columns[given_.n_values()] = field_weight;
+  if (!n_fields()) return;
+  columns[given_.n_values()] = field.weight;
+  columns[given_.n_values() + 1] = static_cast<double>(field.key);
 }
 
 void NodalConditions::write_keys(const double* keys, std::size_t count) {
@@ -214,7 +215,7 @@ void NodalConditions::write_keys(const double* keys, std::size_t count) {
   }
 }
 
-void NodalConditions::enqueue(int parity, std::int32_t step_index, std::int32_t key) {
+void NodalConditions::enqueue(int parity, std::int32_t step_index) {
   const auto go = [&](Kernel& kernel, unsigned index, std::size_t n) {
     kernel.set_arg(index, step_index);
     kernel.enqueue(n, kGroup);
@@ -223,10 +224,7 @@ void NodalConditions::enqueue(int parity, std::int32_t step_index, std::int32_t 
   if (pressure_[parity]) go(*pressure_[parity], kPressureStepIndex, n_pressure_nodes_);
   if (prescribe_[parity])
     go(*prescribe_[parity], kPrescribeStepIndex, given_.prescribed_dofs.size());
-  if (fields_[parity]) {
-    fields_[parity]->set_arg(kFieldsKey, key);
-    go(*fields_[parity], kFieldsStepIndex, n_fields());
-  }
+  if (fields_[parity]) go(*fields_[parity], kFieldsStepIndex, n_fields());
 }
 
 std::vector<double> NodalConditions::force(const std::vector<double>& u,

@@ -36,6 +36,13 @@ struct Conditions {
 // (8 dt)^2/8 max |a''|, far below a step's own.
 constexpr std::int64_t kFieldStride = 8;
 
+// Where a moment lies between the keys that were written: after `key`, by a share of the way to the
+// next.
+struct FieldMoment {
+  std::int64_t key = 0;
+  double weight = 0;
+};
+
 class NodalConditions {
  public:
   // `first_column`: of the step table, behind the activations. `batch`: most steps of a table.
@@ -44,22 +51,22 @@ class NodalConditions {
                   std::size_t batch);
 
   const Conditions& given() const { return given_; }
-  // Columns of the step table: the values, and the weight of a field's later key.
+  // Columns of the step table: the values, and the fields' moment.
   static std::int32_t n_columns(const Conditions& conditions) {
-    return conditions.n_values() + (conditions.field_dofs.empty() ? 0 : 1);
+    return conditions.n_values() + (conditions.field_dofs.empty() ? 0 : 2);
   }
   std::size_t bytes() const { return bytes_; }
 
   // `blocks`, `node_sets`: where inverse masses are. u[parity] is the displacement of now.
   void bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buffer& node_sets,
             const Buffer& step_table, std::int32_t step_reals);
-  // Columns of one step from its values; field_weight: of the later key.
-  void fill_columns(const double* values, double field_weight, double* columns) const;
+  // Columns of one step from its values and the moment of its end.
+  void fill_columns(const double* values, FieldMoment field, double* columns) const;
   // Keys of the fields, n_fields() each, in the order of Conditions::field_dofs.
   void write_keys(const double* keys, std::size_t count);
   std::size_t n_fields() const { return given_.field_dofs.size(); }
   // After the kernels of a step from u[parity].
-  void enqueue(int parity, std::int32_t step_index, std::int32_t key);
+  void enqueue(int parity, std::int32_t step_index);
 
   // Host: external forces (3 per node, N) under displacement u, without gravity.
   std::vector<double> force(const std::vector<double>& u, const double* values) const;

@@ -175,13 +175,13 @@ void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput&
       row[STEP_VELOCITY] = step.velocity;
       row[STEP_FORCE] = step.force;
       fill_step(row, input.activations.data() + (done + i) * n_muscles,
-                input.values.data() + (done + i) * n_values, step.field_weight);
+                input.values.data() + (done + i) * n_values, {0, step.field_weight});
       row[STEP_DT] = kForever;
     }
     write_table(table);
     for (std::size_t i = 0; i < batch; ++i) {
-      enqueue_step(static_cast<std::int32_t>(i), 0);
-      relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i), 0);
+      enqueue_step(static_cast<std::int32_t>(i), -1);
+      relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i));
       if (sliding_)
         sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == steps.size());
       now_ = 1 - now_;

@@ -117,6 +117,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     path_ = make_path();
   }
   device_bytes_ += path_->bytes();
+  levels_ = same_level(arrays_);
   conditions_ =
       std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,
                                         options_.precision, first_column, kBatch);
@@ -127,7 +128,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
                                          options_.precision, rows_, pose_column());
     device_bytes_ += sliding_->bytes();
     const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
-    sliding_->bind(u, *step_table_, step_reals_);
+    sliding_->bind(u, *blocks_, *step_table_, step_reals_);
   }
   bind_masses(*blocks_, *node_sets_);
 }
@@ -195,19 +196,19 @@ void Simulator::bind_masses(const Buffer& blocks, const Buffer& node_sets) {
 }
 
 void Simulator::fill_step(double* row, const double* activations, const double* values,
-                          double field_weight) const {
+                          FieldMoment field) const {
   row[STEP_UNIT] = 1;
   // A state that was just given has no past: histories start with it.
   row[STEP_DT] = starts_ ? 0 : dt_;
   row[STEP_TIME] = time();
   std::copy_n(activations, model_.muscles.size(), row + STEP_ACTIVATION);
-  conditions_->fill_columns(values, field_weight, row + STEP_ACTIVATION + model_.muscles.size());
+  conditions_->fill_columns(values, field, row + STEP_ACTIVATION + model_.muscles.size());
   if (sliding_) sliding_->fill_poses(values + n_condition_values(), row + pose_column());
 }
 
-void Simulator::enqueue_step(std::int32_t index, std::int32_t key) {
-  path_->enqueue_step(now_, index);
-  conditions_->enqueue(now_, index, key);
+void Simulator::enqueue_step(std::int32_t index, int highest_level) {
+  path_->enqueue_step(now_, index, highest_level);
+  conditions_->enqueue(now_, index);
 }
 
 std::size_t Simulator::largest_batch() { return kBatch; }
@@ -232,8 +233,20 @@ void Simulator::step(std::size_t n, const StepInput& input) {
   const std::int64_t key_begin = first_key();
   check_input("step", n, input, static_cast<std::size_t>(last_key(n) - key_begin + 1));
   if (!(dt_ > 0)) throw InputError("step: the time step is not set");
+  const auto substeps = static_cast<std::size_t>(this->substeps());
+  if (n % substeps != 0)
+    throw InputError("step: got " + std::to_string(n) + " of the shortest steps; allowed with " +
+                     std::to_string(substeps) + " of them in the longest: multiples of that");
   const std::size_t n_muscles = model_.muscles.size(), n_values = this->n_values(),
                     n_fields = conditions_->n_fields();
+  // Highest level that is due at step i: of all at the begin of a longest one.
+  const auto highest_due = [&](std::size_t i) {
+    int level = 0;
+    while (level + 1 < levels_.n_levels && i % (std::size_t(2) << level) == 0) ++level;
+    return level;
+  };
+  static_assert(kBatch % (std::size_t(1) << (TLED_MOST_LEVELS - 1)) == 0,
+                "a batch ends with a longest step");
   std::vector<double> table;
   for (std::size_t done = 0; done < n;) {
     const std::size_t batch = std::min(kBatch, n - done);
@@ -241,11 +254,11 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     table.assign(batch * step_reals_, 0.0);
     for (std::size_t i = 0; i < batch; ++i) {
       double* row = &table[i * step_reals_];
-      const auto past_key = (clock_steps_ + static_cast<std::int64_t>(i) + 1) % kFieldStride;
-      fill_motion(row, starts_ && i == 0);
+      const std::int64_t end = clock_steps_ + static_cast<std::int64_t>(i) + 1;
+      fill_motion(row, highest_due(i), starts_ && i == 0);
       fill_step(row, input.activations.data() + (done + i) * n_muscles,
                 input.values.data() + (done + i) * n_values,
-                static_cast<double>(past_key) / kFieldStride);
+                {end / kFieldStride - key, static_cast<double>(end % kFieldStride) / kFieldStride});
       row[STEP_DT] = starts_ && i == 0 ? 0 : dt_;
       row[STEP_TIME] = time_after(static_cast<std::int64_t>(i));
     }
@@ -255,9 +268,12 @@ void Simulator::step(std::size_t n, const StepInput& input) {
           input.keys.data() + static_cast<std::size_t>(key - key_begin) * n_fields,
           static_cast<std::size_t>(last_key(batch) - key + 1));
     for (std::size_t i = 0; i < batch; ++i) {
-      const std::int64_t at = (clock_steps_ + static_cast<std::int64_t>(i) + 1) / kFieldStride;
-      enqueue_step(static_cast<std::int32_t>(i), static_cast<std::int32_t>(at - key));
-      if (sliding_) sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == n);
+      const auto index = static_cast<std::int32_t>(i);
+      const int highest = highest_due(i);
+      enqueue_step(index, highest);
+      // Normals are those of each node's last step.
+      if (sliding_) sliding_->enqueue(1 - now_, index, done + i + substeps >= n);
+      path_->enqueue_swap(highest);
       now_ = 1 - now_;
     }
     starts_ = false;
@@ -268,17 +284,21 @@ void Simulator::step(std::size_t n, const StepInput& input) {
   device_->flush();
 }
 
-void Simulator::fill_motion(double* row, bool from_rest) const {
-  const double half_damping = options_.damping * dt_ / 2;
-  row[STEP_VELOCITY] = (1 - half_damping) / (1 + half_damping);
-  row[STEP_FORCE] = dt_ * dt_ / (1 + half_damping);
-  // A given state has no u(-dt): u(dt) = u + v dt + (f/m - damping v) dt^2/2 keeps second order.
-  if (from_rest) {
-    row[STEP_VELOCITY] = 1 - half_damping;
-    row[STEP_FORCE] = dt_ * dt_ / 2;
+void Simulator::fill_motion(double* row, int highest_level, bool from_rest) const {
+  for (int level = 0; level <= highest_level; ++level, row += TLED_STEP_LEVEL) {
+    const double due = std::ldexp(1.0, level), dt = dt_ * due,
+                 half_damping = options_.damping * dt / 2;
+    row[STEP_DUE] = due;
+    row[STEP_VELOCITY] = (1 - half_damping) / (1 + half_damping);
+    row[STEP_FORCE] = dt_ * dt / (1 + half_damping);
+    // A given state has no u(-dt): u(dt) = u + v dt + (f/m - damping v) dt^2/2 keeps second order.
+    if (from_rest) {
+      row[STEP_VELOCITY] = 1 - half_damping;
+      row[STEP_FORCE] = dt_ * dt / 2;
+    }
+    for (int c = 0; c < 3; ++c)
+      row[STEP_GRAVITY + c] = model_.gravity[arrays_.order[c]] * (row[STEP_FORCE] * due);
   }
-  for (int c = 0; c < 3; ++c)
-    row[STEP_GRAVITY + c] = model_.gravity[arrays_.order[c]] * row[STEP_FORCE];
 }
 
 std::vector<double> Simulator::read_slots(const Buffer& buffer) {
@@ -305,7 +325,7 @@ std::vector<double> Simulator::displacement() {
 std::vector<double> Simulator::velocity() {
   const auto now = read_slots(*u_[now_]), before = read_slots(*u_[1 - now_]);
   std::vector<double> v(now.size());
-  for (std::size_t i = 0; i < v.size(); ++i) v[i] = (now[i] - before[i]) / dt_;
+  for (std::size_t i = 0; i < v.size(); ++i) v[i] = (now[i] - before[i]) / step_of_real(i);
   return slots_to_nodes(arrays_, v);
 }
 
@@ -316,7 +336,7 @@ void Simulator::set_state(const std::vector<double>& u, const std::vector<double
   auto before = now;
   if (!velocity.empty()) {
     const auto v = nodes_to_slots(arrays_, velocity);
-    for (std::size_t i = 0; i < before.size(); ++i) before[i] -= dt_ * v[i];
+    for (std::size_t i = 0; i < before.size(); ++i) before[i] -= step_of_real(i) * v[i];
   }
   write_reals(*u_[1 - now_], before);
   for (auto& buffer : history_)
@@ -348,6 +368,8 @@ RawState Simulator::raw_state() {
   }
   if (state.limit_squares.empty()) state.limit_squares = {0};  // files take no empty array
   state.sliding = sliding_ ? sliding_->state() : std::vector<std::uint8_t>{0};
+  state.levels = levels_.nodes;
+  state.levels.insert(state.levels.end(), levels_.elements.begin(), levels_.elements.end());
   return state;
 }
 
@@ -362,6 +384,18 @@ void Simulator::set_raw_state(const RawState& state) {
   if (state.limit_square > 0 && state.limit_squares.size() != arrays_.node_mass.size())
     throw InputError("state: the stiffness of " + std::to_string(state.limit_squares.size()) +
                      " nodes, this model has " + std::to_string(arrays_.node_mass.size()));
+  BlockLevels levels = same_level(arrays_);
+  levels.n_levels = levels_.n_levels;
+  if (!state.levels.empty()) {
+    const std::size_t n_blocks = levels.nodes.size();
+    if (state.levels.size() != 2 * n_blocks ||
+        *std::max_element(state.levels.begin(), state.levels.end()) >= levels.n_levels)
+      throw InputError(
+          "state: its levels of subcycling are not those of this model on this device");
+    levels.nodes.assign(state.levels.begin(), state.levels.begin() + n_blocks);
+    levels.elements.assign(state.levels.begin() + n_blocks, state.levels.end());
+  }
+  take_levels(std::move(levels));
   device_->finish();
   u_[now_]->write(state.u.data(), state.u.size());
   u_[1 - now_]->write(state.u_prev.data(), state.u_prev.size());
@@ -396,6 +430,53 @@ void Simulator::set_dt(double dt) {
   dt_ = dt;
 }
 
+void Simulator::set_substeps(std::int64_t substeps) {
+  BlockLevels levels = same_level(arrays_);
+  while (levels.substeps() < substeps && levels.n_levels < TLED_MOST_LEVELS) ++levels.n_levels;
+  if (levels.substeps() != substeps)
+    throw InputError("substeps: got " + std::to_string(substeps) +
+                     ", allowed are 1, 2, 4, 8 or 16");
+  if (substeps > 1 && !path_->subcycles())
+    throw InputError(std::string("substeps: ") + kernels() +
+                     " kernels take steps of one length; use kernels='rows'");
+  take_levels(std::move(levels));
+}
+
+void Simulator::choose_levels() {
+  if (levels_.n_levels == 1) return;
+  take_levels(tledface::choose_levels(model_, arrays_, limiter().reached_squares(), dt_,
+                                      levels_.n_levels, levels_));
+}
+
+void Simulator::take_levels(BlockLevels levels) {
+  if (levels.nodes == levels_.nodes && levels.elements == levels_.elements &&
+      levels.n_levels == levels_.n_levels)
+    return;
+  if (levels.nodes != levels_.nodes) {
+    const auto now = read_slots(*u_[now_]);
+    auto before = read_slots(*u_[1 - now_]);
+    const std::size_t reals = std::size_t(3) * arrays_.lanes;
+    for (std::size_t b = 0; b < levels.nodes.size(); ++b) {
+      if (levels.nodes[b] == levels_.nodes[b]) continue;
+      const double ratio = std::ldexp(1.0, int(levels.nodes[b]) - int(levels_.nodes[b]));
+      for (std::size_t i = b * reals; i < (b + 1) * reals; ++i)
+        before[i] = now[i] - (now[i] - before[i]) * ratio;
+    }
+    write_reals(*u_[1 - now_], before);
+  }
+  levels_ = std::move(levels);
+  const auto links = links_with_levels(arrays_, levels_);
+  blocks_->write(links.data(), links.size() * sizeof(std::int32_t));
+  path_->set_levels(levels_);
+}
+
+std::vector<std::int32_t> Simulator::node_steps() const {
+  std::vector<std::int32_t> steps(arrays_.node_slot.size());
+  for (std::size_t n = 0; n < steps.size(); ++n)
+    steps[n] = 1 << levels_.nodes[arrays_.node_slot[n] / arrays_.lanes];
+  return steps;
+}
+
 TimeStepBound Simulator::bound_at_rest() const {
   const auto stiffness = element_stiffness(model_);
   return time_step_bound(model_, arrays_, stiffness, node_stiffness(model_, arrays_, stiffness));
@@ -416,6 +497,12 @@ std::vector<double> Simulator::internal_force(const std::vector<double>& activat
   return force_at(starts_ ? 0 : dt_, activations);
 }
 
+std::vector<double> Simulator::weighted_force(const std::vector<double>& activations) {
+  if (activations.size() != model_.muscles.size())
+    throw InputError("weighted_force: one activation a muscle is needed");
+  return force_at(starts_ ? 0 : dt_, activations, true);
+}
+
 std::vector<double> Simulator::history() {
   if (!arrays_.n_history_rows) return {};
   return read_reals(*history_[now_], std::size_t(arrays_.n_history_rows) * arrays_.lanes);
@@ -430,8 +517,11 @@ const double* Simulator::instant_force_in_place(const std::vector<double>& past,
   return static_cast<const double*>(force_->host_pointer());
 }
 
-void Simulator::enqueue_force(double dt, const std::vector<double>& activations, Buffer& force) {
+void Simulator::enqueue_force(double dt, const std::vector<double>& activations, Buffer& force,
+                              bool weighted) {
   std::vector<double> row(step_reals_, 0.0);
+  for (int level = 0; level < levels_.n_levels; ++level)
+    row[level * TLED_STEP_LEVEL + STEP_DUE] = weighted ? std::ldexp(1.0, level) : 1.0;
   row[STEP_DT] = dt;
   row[STEP_TIME] = time();
   std::copy(activations.begin(), activations.end(), row.begin() + STEP_ACTIVATION);
@@ -439,9 +529,10 @@ void Simulator::enqueue_force(double dt, const std::vector<double>& activations,
   path_->enqueue_forces(now_, force);
 }
 
-std::vector<double> Simulator::force_at(double dt, const std::vector<double>& activations) {
+std::vector<double> Simulator::force_at(double dt, const std::vector<double>& activations,
+                                        bool weighted) {
   auto force = device_->allocate(u_[0]->bytes());
-  enqueue_force(dt, activations, *force);
+  enqueue_force(dt, activations, *force, weighted);
   return slots_to_nodes(arrays_, read_slots(*force));
 }
 

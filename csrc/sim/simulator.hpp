@@ -18,6 +18,7 @@
 #include "sim/sliding.hpp"
 #include "sim/state_evaluator.hpp"
 #include "sim/step_limit.hpp"
+#include "sim/subcycling.hpp"
 
 namespace tledface {
 
@@ -49,6 +50,9 @@ struct RawState {
   // Of Sliding: what is known of the nodes' surfaces; empty: sought again, the same but for
   // rounding.
   std::vector<std::uint8_t> sliding;
+  // Of subcycling: levels of each block's nodes, then of its elements; empty: u_prev is a shortest
+  // step before u everywhere.
+  std::vector<std::uint8_t> levels;
 };
 
 // What changes from step to step, for n steps.
@@ -98,9 +102,20 @@ class Simulator {
   std::unique_ptr<Simulator> in_double();
   void take_state(Simulator& other);
 
+  // The shortest step. With subcycling() others are longer: steps are then taken in multiples of
+  // substeps(), between which all is at one time.
   double dt() const { return dt_; }
   // Changes the step; the velocity is kept (u_prev is moved along it).
   void set_dt(double dt);
+  bool can_subcycle() const { return path_->subcycles(); }
+  std::int64_t substeps() const { return levels_.substeps(); }
+  // 1, 2, 4, 8 or 16; everything takes the shortest step until choose_levels().
+  void set_substeps(std::int64_t substeps);
+  // Which step each block takes, by the bounds of the last limit_now(); the velocity is kept.
+  void choose_levels();
+  const BlockLevels& levels() const { return levels_; }
+  // Of each node: its step over the shortest.
+  std::vector<std::int32_t> node_steps() const;
   // Bound at rest with each muscle's steepest slope.
   TimeStepBound bound_at_rest() const;
   // The limit under the deformation of now; see StepLimiter::limit.
@@ -124,6 +139,8 @@ class Simulator {
   RawState raw_state();
   void set_raw_state(const RawState& state);
   std::vector<double> internal_force(const std::vector<double>& activations);  // N, 3 per node
+  // The same, each element's times its step over the shortest: the impulses of subcycling.
+  std::vector<double> weighted_force(const std::vector<double>& activations);
   // The past of laws that have one: their rows in the layout of arrays(); empty without any.
   std::vector<double> history();
   // Forces with a past (in the layout of arrays(); an empty one leaves what is there) as laws
@@ -182,16 +199,26 @@ class Simulator {
   void check_input(const char* what, std::size_t n, const StepInput& input,
                    std::size_t n_keys) const;
   // A row of the step table: what integrates, and the rest.
-  void fill_motion(double* row, bool from_rest) const;
+  void fill_motion(double* row, int highest_level, bool from_rest) const;
   void fill_step(double* row, const double* activations, const double* values,
-                 double field_weight) const;
-  void enqueue_step(std::int32_t index, std::int32_t key);
+                 FieldMoment field) const;
+  // The row kernels' and conditions' part; highest_level: see ForcePath.
+  void enqueue_step(std::int32_t index, int highest_level);
+  // Step of the node that real i of u belongs to, s.
+  double step_of_real(std::size_t i) const {
+    const std::size_t block = i / (std::size_t(3) * arrays_.lanes);
+    return block < levels_.nodes.size() ? dt_ * double(1 << levels_.nodes[block]) : dt_;
+  }
+  // u before, moved to where it would be with these levels' steps; and the levels taken.
+  void take_levels(BlockLevels levels);
   static std::size_t largest_batch();  // steps of one table
   SolverBuffers solver_buffers() const;
   // Which masses the kernels integrate with.
   void bind_masses(const Buffer& blocks, const Buffer& node_sets);
-  std::vector<double> force_at(double dt, const std::vector<double>& activations);
-  void enqueue_force(double dt, const std::vector<double>& activations, Buffer& force);
+  std::vector<double> force_at(double dt, const std::vector<double>& activations,
+                               bool weighted = false);
+  void enqueue_force(double dt, const std::vector<double>& activations, Buffer& force,
+                     bool weighted = false);
   StepLimiter& limiter();
   StiffnessState stiffness_state(const std::vector<double>& u,
                                  const std::vector<double>& activations);
@@ -224,6 +251,7 @@ class Simulator {
   std::unique_ptr<StateEvaluator> evaluator_;  // these two are made when first asked for
   std::unique_ptr<StepLimiter> limiter_;
   int now_ = 0;
+  BlockLevels levels_;
 
   double dt_ = 0, clock_start_ = 0;
   std::int64_t clock_steps_ = 0;  // since clock_start_

@@ -13,7 +13,7 @@ namespace {
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
 // Where the kernel takes the index of the step in the table.
-constexpr unsigned kStepIndex = 19, kKeepWays = 20;
+constexpr unsigned kStepIndex = 20, kKeepWays = 21;
 
 void write_reals(Buffer& buffer, const std::vector<double>& values, Precision precision) {
   if (precision == Precision::kDouble) {
@@ -208,7 +208,8 @@ std::unique_ptr<Buffer> Sliding::integers(const std::vector<std::int32_t>& value
   return buffer;
 }
 
-void Sliding::bind(const Buffer* const (&u)[2], const Buffer& step_table, std::int32_t step_reals) {
+void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buffer& step_table,
+                   std::int32_t step_reals) {
   for (Group& group : groups_)
     for (int parity = 0; parity < 2; ++parity) {
       Kernel& kernel = *group.kernel[parity];
@@ -221,7 +222,7 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& step_table, std::i
             static_cast<const Buffer*>(triangles_.get()), static_cast<const Buffer*>(grids_.get()),
             static_cast<const Buffer*>(grid_reals_.get()),
             static_cast<const Buffer*>(cell_begin_.get()),
-            static_cast<const Buffer*>(cell_triangles_.get()), &step_table})
+            static_cast<const Buffer*>(cell_triangles_.get()), &blocks, &step_table})
         kernel.set_arg(index++, *buffer);
       for (const auto value :
            {static_cast<std::int32_t>(group.n_items), static_cast<std::int32_t>(group.first_row),

@@ -41,7 +41,8 @@ class Sliding {
 
   std::size_t bytes() const { return bytes_; }
   // Puts the nodes of a displacement back to their distances.
-  void bind(const Buffer* const (&u)[2], const Buffer& step_table, std::int32_t step_reals);
+  void bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buffer& step_table,
+            std::int32_t step_reals);
   // keep_normals: for normals().
   void enqueue(int next, std::int32_t step_index, bool keep_normals);
   // Regions and candidates, as they lie on this device; see RawState.

@@ -199,7 +199,7 @@ StepLimit StepLimiter::limit(const std::vector<double>& u, const std::vector<dou
   StiffnessState exact = state;
   exact.reach_low = exact.reach_high = 1;
   const bool reaches = state.reach_low != 1 || state.reach_high != 1;
-  const auto reached = squares_of(at_node);
+  const auto& reached = reached_squares_ = squares_of(at_node);
   const auto squares =
       reaches && !model_.muscles.empty()
           ? squares_of(node_stiffness(model_, arrays_, element_stiffness(model_, exact)))
@@ -231,11 +231,12 @@ StepLimit StepLimiter::limit(const std::vector<double>& u, const std::vector<dou
 
 StepLimit StepLimiter::measure(const std::vector<double>& u, const std::vector<double>& past,
                                const StiffnessState& state) {
-  auto squares = std::move(last_squares_);
+  auto squares = std::move(last_squares_), reached = reached_squares_;
   const double square = last_square_;
   last_square_ = 0;
   const StepLimit result = limit(u, past, state, HUGE_VAL);
   restore(std::move(squares), square);
+  reached_squares_ = std::move(reached);
   return result;
 }
 

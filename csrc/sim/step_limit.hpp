@@ -39,6 +39,9 @@ class StepLimiter {
   StepLimit measure(const std::vector<double>& u, const std::vector<double>& past,
                     const StiffnessState& state);
 
+  // omega^2 of each node's bound in the last call of limit(), what is to be reached included.
+  const std::vector<double>& reached_squares() const { return reached_squares_; }
+
   // What the next answer depends on: omega^2 of each node's bound at the last iteration, and the
   // operator's then (0: none yet). For restarts bit for bit.
   const std::vector<double>& last_squares() const { return last_squares_; }
@@ -60,7 +63,7 @@ class StepLimiter {
   std::vector<double> node_mass_;
   std::unique_ptr<Simulator> host_;
   const SolverArrays& arrays_;
-  std::vector<double> last_squares_;
+  std::vector<double> last_squares_, reached_squares_;
   double last_square_ = 0;
 };
 

@@ -60,7 +60,7 @@ class TilePath final : public ForcePath {
       kernel->set_arg(kNodeSets, node_sets);
     }
   }
-  void enqueue_step(int now, std::int32_t index) override {
+  void enqueue_step(int now, std::int32_t index, int) override {
     step_[now]->set_arg(kStepIndex, index);
     step_[now]->enqueue(n_items_, group_);
   }

@@ -175,6 +175,7 @@ def _read(
         state.pop("sliding", None)  # arranged as its device needs it; sought again
     if layout["lanes"] != sim._core.lanes:
         state = _moved(state, layout, sim, path)
+        sim._watch.stale = True  # levels of subcycling are those of other blocks
     sim._core.set_raw_state(**state)
     sim._applied = Values(**{key: data[()] for key, data in file["applied"].items()})
     if sim._ledger is not None:
@@ -262,17 +263,24 @@ def _moved(
     if any(
         len(v) > dtype.itemsize
         for k, v in arrays.items()
-        if k not in ("u", "u_prev", "limit_squares")
+        if k not in ("u", "u_prev", "limit_squares", "levels")
     ):
         raise InputError(
             f"checkpoint {path}: its state has histories of materials, arranged as its device "
             "needs them; restore it on the device it was made on"
         )
+    levels = state.pop("levels", None)
     old, old_order = layout["node_slots"][()], layout["axis_order"]
     new, new_order = np.asarray(core.node_slots()), list(core.axis_order)
     moved = dict(state)
     for key in ("u", "u_prev"):
         before = state[key].view(dtype).reshape(-1, 3, layout["lanes"])
+        if key == "u_prev" and levels is not None:
+            # A shortest step before u everywhere.
+            now = state["u"].view(dtype).reshape(before.shape)[: len(levels) // 2]
+            steps = dtype.type(2) ** levels[: len(now), None, None]
+            before = before.copy()
+            before[: len(now)] = now - (now - before[: len(now)]) / steps
         after: NDArray[Any] = np.zeros((core.n_blocks + 1, 3, core.lanes), dtype=dtype)
         for axis in range(3):
             values = before[:, old_order.index(axis)][old // layout["lanes"], old % layout["lanes"]]

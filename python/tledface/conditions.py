@@ -270,14 +270,14 @@ class Sampler:
         pairs = zip(self._fields, self._positions, strict=True)
         return np.concatenate([record.field(t, X) for record, X in pairs])
 
-    def put_prescribed(self, u: Floats, core: _core.Simulator) -> None:
-        """Set prescribed components of ``u`` (n_nodes, 3) to their values after the next step."""
-        time = core.time_after(1)
+    def put_prescribed(self, u: Floats, core: _core.Simulator, steps: int = 1) -> None:
+        """Set prescribed components of ``u`` (n_nodes, 3) to their values after so many steps."""
+        time = core.time_after(steps)
         for record, value in zip(self._scalars, self.scalars(time), strict=True):
             u[record.nodes, record.component] = value
         if not self._fields:
             return
-        key = core.first_key()
+        key = core.last_key(steps) - 1
         begin, end = core.key_time(key), core.key_time(key + 1)
         share = (time - begin) / (end - begin)
         values = (1.0 - share) * self.fields(begin) + share * self.fields(end)

@@ -211,7 +211,10 @@ class EnergyLedger:
     def _evaluate(
         self, now: Values, prescribed_next: Floats, carried: tuple[NDArray[np.int64], Floats]
     ) -> _Entry:
-        core, dt = self._core, float(self._core.dt)
+        core = self._core
+        node_steps = np.asarray(core.node_steps())[:, None]
+        dt = float(core.dt) * node_steps
+        subcycles = bool((node_steps != node_steps[0]).any())
         u = np.asarray(core.displacement())
         self._host.set_state(u, np.empty(0), 0.0)
         internal = np.asarray(self._host.internal_force(now.activations))
@@ -224,7 +227,11 @@ class EnergyLedger:
         loads = np.asarray(core.external_force(now.channels))
         before = np.asarray(core.velocity())
         normals = np.asarray(core.sliding_normals())
-        acceleration = tangential(loads - internal, self._sliding, normals) / self._mass
+        # Where steps differ, elements of longer ones give their nodes the impulse of all of theirs.
+        pushing = internal
+        if subcycles:
+            pushing = np.asarray(core.weighted_force(now.activations)) / node_steps
+        acceleration = tangential(loads - pushing, self._sliding, normals) / self._mass
         half = self._damping * dt / 2
         if core.starts:
             # `before` is the velocity of this moment: half a step to either side of it.
@@ -238,7 +245,7 @@ class EnergyLedger:
         # A surface that moves takes its nodes along its normal.
         nodes, ways = carried
         normal = normals[np.searchsorted(self._sliding.nodes, nodes)]
-        lacking = ((ways / dt - after[nodes]) * normal).sum(axis=1, keepdims=True)
+        lacking = ((ways / dt[nodes] - after[nodes]) * normal).sum(axis=1, keepdims=True)
         after[nodes] += np.where(self._held[nodes], 0.0, lacking * normal)
         # Supports give held components the motion they have: their force from its equation.
         mean = 0.5 * (before + after)

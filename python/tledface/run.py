@@ -167,6 +167,7 @@ def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
             dt=solver.dt,
             mass_scaling=solver.mass_scaling,
             time_scaling=solver.time_scaling,
+            subcycling=solver.subcycling,
             **more,
         )
     except InputError as error:

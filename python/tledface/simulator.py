@@ -27,6 +27,7 @@ from tledface.energy import EnergyLedger, energy_interval, ledger_of
 from tledface.errors import InputError, SimulationError
 from tledface.relaxation import Equilibrium, relax
 from tledface.schedule import Constant, Schedule, as_schedule
+from tledface.subcycling import checked_subcycling
 from tledface.time_step import (
     RELIEFS,
     AddedMass,
@@ -66,6 +67,11 @@ class Simulator(Results):
             `playback_time`, this factor times the simulated time. Everything else is in simulated
             time: `time`, ``dt``, damping, gravity, and the times of materials, of which a
             `tledface.time_step.TimeScalingWarning` tells.
+        subcycling: Let each part of the body take the step that its own tissue allows, in powers of
+            two: ``dt`` is then the longest step, and stiff parts take up to 16 shorter ones in it,
+            `substeps`. True chooses how many, a number (2, 4, 8, 16) fixes it. Pays where little
+            of the body is stiff; row kernels only (a `tledface.subcycling.SubcyclingWarning` says
+            so elsewhere), see `docs/explanation/subcycling.md`.
         energy_every: Enter the energies in the ledger every so many steps, see `energies`; None
             keeps none. An entry costs as much as some 50 steps.
         kernels: ``"rows"`` (fused vector rows, CPUs), ``"tile"`` (a work-group a tile of columns,
@@ -90,6 +96,7 @@ class Simulator(Results):
         dt: float | str = "auto",
         mass_scaling: float | Mapping[str, float] | None = None,
         time_scaling: float = 1.0,
+        subcycling: bool | int = False,
         energy_every: int | None = None,
         kernels: str = "auto",
     ) -> None:
@@ -100,6 +107,7 @@ class Simulator(Results):
             check_number("dt", dt, least=0.0, unit="s", exclusive=True)
         scaling = checked_scaling(mass_scaling)
         self._time_scaling = checked_time_scaling(time_scaling, model)
+        subcycling = checked_subcycling(subcycling)
         self.model = model
         self._options: dict[str, Any] = {
             "precision": precision,
@@ -141,13 +149,17 @@ class Simulator(Results):
             self._core = serial(core)
             factor = None if isinstance(scaling, dict) else scaling or 1.0
             try:
-                self._watch = StepWatch(self._core, self._name_of, dt, factor, len(model.muscles))
+                self._watch = StepWatch(
+                    self._core, self._name_of, dt, factor, len(model.muscles), subcycling
+                )
             except InputError:
                 if isinstance(scaling, dict) and relief < RELIEFS[-1]:
                     continue
                 raise
             if not isinstance(scaling, dict) or self._watch.auto_dt >= scaling["dt"]:
                 break
+        if subcycling is not False:
+            self._options["subcycling"] = self.substeps
         self._added_mass = added_mass(density, scaled, model.volumes)
         # What the device's state answers to: nothing before the first step or relaxation.
         self._applied = self._values_of_rest()
@@ -197,16 +209,16 @@ class Simulator(Results):
                 if self._until_entry == 0:
                     self._enter_energies(self._ledger)
                 batch = min(batch, self._until_entry)
-            activations = self._sampled(np.arange(batch))
+            activations = self._activations_after(np.arange(batch))
             allowed = watch.admitted(activations)
             if allowed > 0:
-                self._step(allowed, activations[:allowed])
+                self._step(allowed)
                 left -= allowed
                 self._until_entry -= allowed
                 watch.until_check -= allowed
             if allowed < batch or watch.until_check == 0:
                 self._require_finite()
-                watch.look(self._sampled, early=allowed < batch)
+                watch.look(self._activations_after, early=allowed < batch)
         if self._ledger is not None and self._until_entry == 0:
             self._enter_energies(self._ledger)
 
@@ -306,16 +318,21 @@ class Simulator(Results):
     @property
     def n_steps(self) -> int:
         """Steps taken since the last given state."""
-        return int(self._core.n_steps)
+        return int(self._core.n_steps) // self.substeps
 
     @property
     def dt(self) -> float:
         """The time step of now, s; ``dt="auto"`` lowers it when strain lowers the bound."""
-        return float(self._core.dt)
+        return float(self._core.dt) * self.substeps
+
+    @property
+    def substeps(self) -> int:
+        """How many of the shortest steps a step has; 1 without subcycling."""
+        return self._watch.substeps
 
     @property
     def dt_crit(self) -> float:
-        """Estimate of the limit of the time step for the state of now, s.
+        """Estimate of the limit of the (shortest) time step for the state of now, s.
 
         The largest frequency of the assembled operator by a Lanczos iteration, with a margin: a
         few percent below the true limit; never below the bound of the stiffest node, which is
@@ -417,7 +434,9 @@ class Simulator(Results):
 
     # -- inside ----------------------------------------------------------------------------------
 
-    def _step(self, n: int, activations: NDArray[np.float64]) -> None:
+    def _step(self, steps: int) -> None:
+        n = steps * self.substeps
+        activations = self._sampled(np.arange(n))
         channels, keys = np.empty((n, 0)), np.empty(0)
         sampler = self._conditions
         if not sampler.is_empty:
@@ -439,14 +458,22 @@ class Simulator(Results):
             self._ledger.restart()
 
     def _enter_energies(self, ledger: EnergyLedger) -> None:
-        sampler, model = self._conditions, self.model
+        sampler, model, core = self._conditions, self.model, self._core
         next_u = np.zeros((model.n_nodes, 3))
-        sampler.put_prescribed(next_u, self._core)
-        carried = (np.empty(0, dtype=np.int64), np.empty((0, 3)))
-        if sampler.carries:
-            times = (self.time, float(self._core.time_after(1)))
-            carried = sampler.carried(model.nodes + self.u, *times)
-        self._energies = ledger.enter(self._values_now(), next_u, carried)
+        nodes, ways = np.empty(0, dtype=np.int64), np.empty((0, 3))
+        node_steps = np.asarray(core.node_steps())
+        # Each node's own step ends at its own time.
+        for steps in np.unique(node_steps).tolist():
+            of_step = node_steps == steps
+            after = np.zeros_like(next_u)
+            sampler.put_prescribed(after, core, steps)
+            next_u[of_step] = after[of_step]
+            if sampler.carries:
+                end = float(core.time_after(steps))
+                nodes, after_ways = sampler.carried(model.nodes + self.u, self.time, end)
+                ways = ways if len(ways) else np.zeros_like(after_ways)
+                ways[of_step[nodes]] = after_ways[of_step[nodes]]
+        self._energies = ledger.enter(self._values_now(), next_u, (nodes, ways))
         self._until_entry = self._energy_every or 0
 
     def _values_now(self) -> Values:
@@ -470,8 +497,12 @@ class Simulator(Results):
         if sampler.prescribes:
             self._core.set_prescribed(sampler.scalars(self.time), sampler.fields(self.time))
 
-    def _sampled(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _activations_after(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
         """Activations at the starts of later steps, (n,) -> (n, n_muscles)."""
+        return self._sampled(steps * self.substeps)
+
+    def _sampled(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The same, counted in shortest steps."""
         times = np.array([self._core.time_after(step) for step in steps.tolist()])
         times *= self._time_scaling
         table = np.empty((len(times), len(self._schedules)))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tledface import _core
 from tledface.errors import InputError
+from tledface.subcycling import SUBSTEPS, choose_substeps
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -38,8 +39,8 @@ Floats = NDArray[np.float64]
 SAFETY, _TAUT = 0.8, 0.88
 # Shares of the bound's stiffness that selective mass scaling tries, the first that does is taken.
 RELIEFS = (0.5, 0.6, 0.75, 1.0)
-# Steps between two looks at the state (finite? the limit for the strain of now?): few at first and
-# while the limit is falling, then more. A look costs as much as some 20 steps.
+# Shortest steps between two looks at the state (finite? the limit for the strain of now?): few at
+# first and while the limit is falling, then more. A look costs as much as some 20 steps.
 _FIRST_CHECK, _LAST_CHECK = 8, 512
 # The limit is falling when a look finds it lower than this share of the one before.
 _FALLING = 0.98
@@ -68,7 +69,8 @@ class StepWatch:
     """Looks at the limit every some steps and lowers an automatic dt in time.
 
     A look takes each activation at its highest until the next one; an activation that rises
-    above that brings the next look forward.
+    above that brings the next look forward. With subcycling it also says which blocks take which
+    step. Steps are whole ones, of as many shortest steps as `substeps`.
 
     Args:
         core: The simulator.
@@ -76,6 +78,7 @@ class StepWatch:
         dt: "auto", or seconds.
         scaling: The mass scaling where it is one factor, for advice.
         n_muscles: Number of activations.
+        subcycling: As checked.
 
     Raises:
         InputError: ``dt`` is not allowed, or above the limit at rest.
@@ -88,6 +91,7 @@ class StepWatch:
         dt: float | str,
         scaling: float | None,
         n_muscles: int,
+        subcycling: bool | int = False,
     ) -> None:
         """See the class."""
         self._core, self._name_of = core, name_of
@@ -95,18 +99,33 @@ class StepWatch:
         rest = np.zeros(n_muscles)
         enough = math.inf if isinstance(dt, str) else float(dt)
         self.rest_limit, _, self.critical, _ = core.limit_now(rest, enough)
-        core.dt = self._first_dt(dt, scaling)
+        self.substeps = 1
+        if subcycling is not False and core.can_subcycle and not isinstance(dt, str):
+            # The fewest that let the shortest step be as short as it should, or else may.
+            fixed = () if subcycling is True else (int(subcycling),)
+            self.substeps = next(
+                (
+                    n
+                    for share in (SAFETY, 1.0)
+                    for n in fixed or SUBSTEPS
+                    if dt <= n * share * self.rest_limit
+                ),
+                max(fixed or SUBSTEPS),
+            )
+            subcycling = self.substeps
+        core.dt = self._first_dt(dt, scaling) / self.substeps
+        self.substeps = choose_substeps(core, subcycling)
         self.warned = False
         self.restart(stale=False)
 
     @property
     def auto_dt(self) -> float:
-        """What dt="auto" takes at rest, s."""
+        """The shortest step that dt="auto" takes at rest, s."""
         return SAFETY * self.rest_limit
 
     def restart(self, *, stale: bool = True) -> None:
         """A new state was given: look soon, and before the next step where it is not rest."""
-        self.check_interval = self.until_check = _FIRST_CHECK
+        self._check_after(_FIRST_CHECK)
         self.stale = stale
         self.last_bound, self.stiffest = self.rest_limit, self.critical
         self.expected = np.zeros(0)
@@ -128,7 +147,7 @@ class StepWatch:
         """
         core = self._core
         self.stale = False
-        ahead = np.linspace(0, self.check_interval, _AHEAD).astype(np.int64)
+        ahead = np.linspace(0, self._steps(self.check_interval), _AHEAD).astype(np.int64)
         self.expected = sample(ahead).max(axis=0, initial=0.0)
         enough = core.dt / _TAUT if self.auto else core.dt
         low = _JUMP_LOW if early else _REACH_LOW
@@ -137,28 +156,34 @@ class StepWatch:
             self.expected, 0.0 if early else enough, low, _REACH_HIGH
         )
         falling = early or limit < _FALLING * self.last_bound
-        self.check_interval = (
+        interval = (
             max(_FIRST_CHECK, self.check_interval // 2)
             if falling
             else min(_LAST_CHECK, 2 * self.check_interval)
         )
-        if early:
-            self.check_interval = _FIRST_CHECK
-        self.until_check = self.check_interval
+        self._check_after(_FIRST_CHECK if early else interval)
         self.last_bound, self.stiffest = limit, stiffest
-        if not 0.0 < limit < enough:
-            return
-        if self.auto:
+        taut = 0.0 < limit < enough
+        if taut and self.auto:
             core.dt = SAFETY * limit
-        elif not self.warned:
+        core.choose_levels()
+        if taut and not self.auto and not self.warned:
             self.warned = True
             warnings.warn(
-                f"dt = {core.dt:.3g} s may be above the stable limit of now, {limit:.3g} s near "
+                f"dt = {self.substeps * core.dt:.3g} s may be above the stable limit of now, "
+                f"{self.substeps * limit:.3g} s near "
                 f"element {stiffest} ({self._name_of(stiffest)}), at t = {core.time:.6g} s; take a "
                 "smaller dt, dt='auto' or mass_scaling",
                 StepWarning,
                 stacklevel=4,
             )
+
+    def _steps(self, shortest: int) -> int:
+        """Whole steps that have so many of the shortest."""
+        return -(-shortest // self.substeps)
+
+    def _check_after(self, shortest: int) -> None:
+        self.check_interval, self.until_check = shortest, self._steps(shortest)
 
     def _first_dt(self, dt: float | str, scaling: float | None) -> float:
         if isinstance(dt, str):
@@ -167,16 +192,17 @@ class StepWatch:
             if not math.isfinite(self.rest_limit):
                 raise InputError("dt: every node is fixed, nothing can move; free some nodes")
             return self.auto_dt
-        if dt > self.rest_limit:
+        limit = self.substeps * self.rest_limit
+        if dt > limit:
             scaled = 1.0 if scaling is None else scaling
-            factor = scaled * (dt / self.rest_limit) ** 2
+            factor = scaled * (dt / limit) ** 2
             advice = "a smaller step or 'auto'"
             if scaling is None:
                 advice += ", or more mass_scaling"
             elif factor <= _MOST_ADVISED_SCALING:
                 advice += f", or mass_scaling = {factor:.2g}"
             raise InputError(
-                f"dt: got {dt:.3g} s, above the stable bound {self.rest_limit:.3g} s set by "
+                f"dt: got {dt:.3g} s, above the stable bound {limit:.3g} s set by "
                 f"{self._name_of(self.critical)}; take {advice}"
             )
         return float(dt)

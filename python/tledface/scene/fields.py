@@ -18,6 +18,7 @@ from tledface import units
 from tledface.constitutive import Material, materials, parse_material
 from tledface.errors import InputError
 from tledface.schedule import Constant, Keyframes, Ramp
+from tledface.subcycling import SUBSTEPS
 
 __all__ = [
     "LENGTH_SCHEMA",
@@ -38,6 +39,7 @@ __all__ = [
     "Pressure",
     "Rate",
     "Scale",
+    "Subcycling",
     "SurfacePath",
     "Time",
     "TimeStep",
@@ -217,6 +219,13 @@ def _read_mass_scaling(value: Any, info: ValidationInfo) -> float | dict[str, fl
     return {"dt": units.bounded(dt, above=0.0, shown=step, unit=units.KINDS["time"].si)}
 
 
+def _read_subcycling(value: Any, info: ValidationInfo) -> bool | int:
+    if isinstance(value, bool) or (isinstance(value, int) and value in SUBSTEPS):
+        return value
+    allowed = ", ".join(map(str, SUBSTEPS))
+    raise InputError(f"got {value!r}; allowed: true, false, {allowed}")
+
+
 def _read_checkpoint_every(value: Any, info: ValidationInfo) -> float | str:
     if value in ("auto", "off"):
         return str(value)
@@ -384,6 +393,11 @@ TimeStep = Annotated[
     float | str,
     PlainValidator(_read_time_step),
     WithJsonSchema({"anyOf": [{"const": "auto"}, _quantity_schema("time")]}),
+]
+Subcycling = Annotated[
+    bool | int,
+    PlainValidator(_read_subcycling),
+    WithJsonSchema({"anyOf": [{"type": "boolean"}, {"enum": list(SUBSTEPS)}]}),
 ]
 MassScaling = Annotated[
     float | dict[str, float],

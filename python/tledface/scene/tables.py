@@ -22,6 +22,7 @@ from tledface.scene.fields import (
     Pressure,
     Rate,
     Scale,
+    Subcycling,
     Time,
     TimeStep,
 )
@@ -103,6 +104,11 @@ class Solver(Table):
         default=1.0,
         description="activations are played this many times faster; duration, activation and "
         "output are in the time of the playback",
+    )
+    subcycling: Subcycling = Field(
+        default=False,
+        description="each part takes the step that its tissue allows; dt is the longest, of 2, 4, "
+        "8 or 16 shortest ones: true chooses",
     )
     precision: Literal["single", "double"] = Field(default="single")
     gravity: Gravity = Field(default=(0.0, 0.0, 0.0), description="acceleration of gravity")
