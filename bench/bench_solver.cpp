@@ -16,6 +16,7 @@
 #include "bench/block_model.hpp"
 #include "bench/measure.hpp"
 #include "core/error.hpp"
+#include "guarded.hpp"
 
 using namespace tledface;
 
@@ -115,14 +116,4 @@ int run(int argc, char** argv) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  try {
-    return run(argc, argv);
-  } catch (const InputError& error) {
-    std::fprintf(stderr, "bench_solver: error: %s\n", error.what());
-    return 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "bench_solver: error: %s\n", error.what());
-    return 1;
-  }
-}
+int main(int argc, char** argv) { return bench::guarded("bench_solver", &run, argc, argv); }

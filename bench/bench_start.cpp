@@ -13,6 +13,7 @@
 #include "bench/workloads.hpp"
 #include "core/error.hpp"
 #include "core/threads.hpp"
+#include "guarded.hpp"
 #include "sim/simulator.hpp"
 
 using namespace tledface;
@@ -76,14 +77,4 @@ int run(int argc, char** argv) {
 
 }  // namespace
 
-int main(int argc, char** argv) {
-  try {
-    return run(argc, argv);
-  } catch (const InputError& error) {
-    std::fprintf(stderr, "bench_start: error: %s\n", error.what());
-    return 2;
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "bench_start: error: %s\n", error.what());
-    return 1;
-  }
-}
+int main(int argc, char** argv) { return bench::guarded("bench_start", &run, argc, argv); }

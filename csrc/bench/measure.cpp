@@ -91,8 +91,7 @@ std::string measure(std::shared_ptr<Device> device, const MeasureOptions& option
   const std::size_t n_elements = workload.model.n_elements();
   const bool large = n_elements > kLarge;
   const auto n = static_cast<double>(n_elements);
-  std::size_t muscle_elements = 0;
-  for (const auto& muscle : workload.model.muscles) muscle_elements += muscle.elements.size();
+  const std::size_t muscle_elements = workload.n_muscle_elements();
 
   begin = Clock::now();
   auto first = std::make_unique<Run>(device, workload, options.simulator);

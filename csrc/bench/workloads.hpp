@@ -16,6 +16,12 @@ struct Workload {
   SlidingNodes sliding;
   double speed = 0;       // m a step along y, at which the body is thrown
   double activation = 0;  // of all muscles, once contracted
+
+  std::size_t n_muscle_elements() const {
+    std::size_t count = 0;
+    for (const VoxelMuscle& muscle : model.muscles) count += muscle.elements.size();
+    return count;
+  }
 };
 
 // Names, the quick ones first.

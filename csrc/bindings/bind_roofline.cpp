@@ -9,6 +9,7 @@
 #include "backend/roofline.hpp"
 #include "bench/measure.hpp"
 #include "bench/workloads.hpp"
+#include "bindings/arrays.hpp"
 #include "bindings/options.hpp"
 #include "core/error.hpp"
 #include "sim/operation_count.hpp"
@@ -60,6 +61,22 @@ void define_roofline(py::module_& module) {
       py::arg("model"), py::kw_only(), py::arg("physical"), py::arg("axis_order"),
       "Vector instructions of one step of the row kernels by kind, per element: the kernels' own "
       "text, counted as it runs.");
+
+  using bench::Workload;
+  py::class_<Workload>(module, "Workload", "A body that the benchmark steps, in the core's frame.")
+      .def(py::init(&bench::make_workload), py::arg("name"), py::arg("elements") = 0, ReleaseGil())
+      .def_readonly("model", &Workload::model)
+      .def_readonly("sliding", &Workload::sliding)
+      .def_readonly("speed", &Workload::speed, "m a step along y, at which it is thrown.")
+      .def_property_readonly("n_elements", [](const Workload& w) { return w.model.n_elements(); })
+      .def_property_readonly("n_nodes", [](const Workload& w) { return w.model.n_nodes(); })
+      .def_property_readonly("n_muscle_elements", &Workload::n_muscle_elements)
+      .def_property_readonly(
+          "sliding_nodes",
+          [](const Workload& w) { return to_array(std::vector<std::int64_t>(w.sliding.nodes)); })
+      .def_property_readonly("sliding_distances", [](const Workload& w) {
+        return to_array(std::vector<double>(w.sliding.distance));
+      });
 
   module.def("workload_names", &bench::workload_names, "What bench_measure knows.");
   module.def("workload_elements", &bench::workload_elements, py::arg("workload"),

@@ -31,10 +31,12 @@ from tledface._model_checks import (
 )
 from tledface._model_conditions import ConditionsMixin
 from tledface._model_directions import DirectionsMixin
+from tledface._model_grid import number_nodes
+from tledface._model_tissues import TissuesMixin
 from tledface.constitutive import Material
 from tledface.errors import InputError
 from tledface.muscle import LAWS, Muscle
-from tledface.surface import HEX_CORNERS, BoundSurface, boundary_surface
+from tledface.surface import BoundSurface, boundary_surface
 
 if TYPE_CHECKING:
     from tledface.conforming import HexahedralModel
@@ -44,7 +46,7 @@ __all__ = ["Model", "Where"]
 Where = NDArray[np.bool_] | Callable[[Floats], NDArray[np.bool_]]
 
 
-class Model(ConditionsMixin, DirectionsMixin):
+class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
     """A voxel model. Make one with `Model.block`, `Model.from_voxels`, a scene, or `Model.load`.
 
     Attributes:
@@ -93,7 +95,7 @@ class Model(ConditionsMixin, DirectionsMixin):
             raise InputError(f"voxel: got {show(self.voxel)} m, every edge must be above 0")
         self.origin = vector("origin", origin)
         self.cells = checked_cells(cells)
-        self.node_ijk, self.elements = _number_nodes(self.cells)
+        self.node_ijk, self.elements = number_nodes(self.cells)
         self.nodes: Floats = self.origin + self.node_ijk * self.voxel
         names = checked_tissues(tissues, tissue_materials)
         table = checked_fractions(fractions, len(self.cells), names)
@@ -325,48 +327,6 @@ class Model(ConditionsMixin, DirectionsMixin):
             self._surfaces = {"surface": boundary_surface(self)}
         return self._surfaces
 
-    def set_material(self, where: Where, material: Material, *, name: str | None = None) -> None:
-        """Fill elements with one material.
-
-        Args:
-            where: (n_elem,) bool, or a function of the centres (n_elem, 3) that returns it.
-            material: The new material.
-            name: Tissue name. A name that no other element uses takes the new material; without
-                a name the tissue that has this material is used, or a new one is added.
-
-        Raises:
-            InputError: ``where`` is no such mask or selects nothing, or other elements use the
-                tissue ``name`` with another material.
-        """
-        mask = self._select(where, self.centres, "set_material: where", "element")
-        if name is not None and (not isinstance(name, str) or not name.strip()):
-            raise InputError(f"set_material: name must be a non-empty text, got {name!r}")
-        if name is None:
-            same = [t for t, m in enumerate(self.tissue_materials) if m == material]
-            column = same[0] if same else len(self.tissues)
-            name = self.tissues[column] if same else self._unused_tissue_name()
-        elif name in self.tissues:
-            column = self.tissues.index(name)
-            if material != self.tissue_materials[column]:
-                if self.fractions[~mask, column].any():
-                    raise InputError(
-                        f"set_material: tissue {name!r} already has another material in "
-                        f"{np.count_nonzero(self.fractions[~mask, column])} other elements; "
-                        "choose another name"
-                    )
-                self.tissue_materials[column] = material
-                self.directions.pop(name, None)
-        else:
-            column = len(self.tissues)
-        if column == len(self.tissues):
-            self.tissues.append(name)
-            self.tissue_materials.append(material)
-            self.fractions = np.hstack([self.fractions, np.zeros((self.n_elements, 1))])
-        self.fractions[mask] = 0.0
-        self.fractions[mask, column] = 1.0
-        if self.section_ratio is not None:
-            self.section_ratio[mask] = 1.0
-
     def add_muscle(
         self,
         name: str,
@@ -437,52 +397,6 @@ class Model(ConditionsMixin, DirectionsMixin):
         self.muscles.append(muscle)
         return muscle
 
-    def element_parameters(self) -> dict[str, Floats]:
-        """Return the overlap-averaged parameters that the solver takes.
-
-        Returns:
-            ``mu``, ``bulk`` (at rest, all laws), ``mu_base`` (the neo-Hookean share of ``mu``),
-            ``bulk_log`` and ``bulk_quadratic`` (the share of ``bulk`` in each volumetric form),
-            ``youngs_modulus`` (all Pa), ``poissons_ratio``, ``density``
-            (kg/m3), each (n_elem,); ``bending_modulus`` (n_elem, 3) Pa, for bending that
-            stretches along x, y, z.
-
-        Moduli and density are means weighted by the tissue fractions, times ``fill``; Young's
-        modulus and Poisson's ratio follow from the mean mu and bulk. A layered voxel bends with
-        the modulus of its section about its own neutral axis,
-        ``E (1 - n_a^2 (1 - section_ratio))`` along
-        axis ``a`` of the layer normal ``n``.
-        """
-        materials = self.tissue_materials
-
-        def mean(values: Sequence[float]) -> Floats:
-            mean = self.fractions @ np.asarray(values, dtype=np.float64)
-            return mean if self.fill is None else self.fill * mean
-
-        base = [m.mu if m.model == "neo_hookean" else 0.0 for m in materials]
-        log = mean([m.bulk if m.volumetric == "log" else 0.0 for m in materials])
-        quadratic = mean([m.bulk if m.volumetric == "quadratic" else 0.0 for m in materials])
-        mu, bulk = mean([m.mu for m in materials]), mean([m.bulk for m in materials])
-        youngs_modulus = 9.0 * bulk * mu / (3.0 * bulk + mu)
-        bending = np.repeat(youngs_modulus[:, None], 3, axis=1)
-        if self.section_ratio is not None and self.layer_normal is not None:
-            bending *= 1.0 - self.layer_normal**2 * (1.0 - self.section_ratio[:, None])
-        return {
-            "mu": mu,
-            "mu_base": mean(base),
-            "bulk": bulk,
-            "bulk_log": log,
-            "bulk_quadratic": quadratic,
-            "youngs_modulus": youngs_modulus,
-            "poissons_ratio": (3.0 * bulk - 2.0 * mu) / (2.0 * (3.0 * bulk + mu)),
-            "density": mean([m.density for m in materials]),
-            "bending_modulus": bending,
-        }
-
-    def tissue_of(self, element: int) -> str:
-        """Return the name of the tissue with the largest fraction in an element."""
-        return self.tissues[int(np.argmax(self.fractions[element]))]
-
     def save(self, path: str | Path) -> None:
         """Write the model to an HDF5 file; see `tledface.io.model_file` for the layout."""
         from tledface.io.model_file import save_model
@@ -514,37 +428,3 @@ class Model(ConditionsMixin, DirectionsMixin):
                 f"{show(low)} to {show(high)} m"
             )
         return mask
-
-    def _unused_tissue_name(self) -> str:
-        number = len(self.tissues) + 1
-        while f"tissue_{number}" in self.tissues:
-            number += 1
-        return f"tissue_{number}"
-
-
-def _number_nodes(
-    cells: NDArray[np.int32],
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Number the corners of the cells by (k, j, i); return node_ijk and elements."""
-    extent = cells.max(axis=0).astype(np.int64) + 2
-    stride = np.array([1, extent[0], extent[0] * extent[1]])
-    key = cells @ stride
-    unique = np.sort(key)
-    repeated = np.flatnonzero(unique[1:] == unique[:-1])
-    if len(repeated):
-        element = int(np.flatnonzero(key == unique[repeated[0]])[1])
-        raise InputError(
-            f"cells: cell {tuple(cells[element].tolist())} is given twice, again as element "
-            f"{element}; cells must be distinct"
-        )
-    for axis_stride in stride:
-        both = np.sort(np.concatenate([unique, unique + axis_stride]))
-        unique = both[np.concatenate([[True], both[1:] != both[:-1]])]
-    elements = np.empty((len(cells), 8), dtype=np.int32)
-    for corner, offset in enumerate(HEX_CORNERS @ stride):
-        elements[:, corner] = np.searchsorted(unique, key + offset)
-    node_ijk = np.empty((len(unique), 3), dtype=np.int32)
-    node_ijk[:, 0] = unique % extent[0]
-    node_ijk[:, 1] = unique // extent[0] % extent[1]
-    node_ijk[:, 2] = unique // stride[2]
-    return node_ijk, elements

@@ -65,21 +65,6 @@ def test_bodies_have_the_sizes_of_the_paper():
     assert _core.workload_elements("face") == 501_976
 
 
-def test_the_face_of_the_core_is_that_of_python():
-    """Two ways of making one body: cells, sliding nodes, layers; so also its step."""
-    from tledface.bench_face import face_shell
-
-    model = face_shell(48)
-    row = quick("face", elements=round(501_976 * (48 / 330) ** 2), checks=False)
-    for key, count in (
-        ("elements", model.n_elements),
-        ("nodes", model.n_nodes),
-        ("sliding_nodes", len(model.sliding)),
-        ("muscle_elements", len(model.muscles[0].elements)),
-    ):
-        assert row[key] == count
-
-
 def counts(model, *, physical=True):
     return _core.operations_per_element(core_model(model), physical=physical, axis_order=(0, 1, 2))
 

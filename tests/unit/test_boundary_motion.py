@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import tledface as tf
-from test_boundary import CENTRE, build
+from shell_scene import CENTRE, build
 from tledface.errors import InputError
 
 

@@ -1,0 +1,110 @@
+"""Sliding nodes of a model: from Python, in a simulation, in the model's file."""
+
+import numpy as np
+import pytest
+import trimesh
+
+import tledface as tf
+from shell_scene import CENTRE, build
+from tledface.errors import InputError
+
+SOFT = tf.material("neo_hookean", youngs_modulus=34e3, poissons_ratio=0.49, density=1100.0)
+
+
+def floor(z=0.0):
+    vertices = [[-1, -1, z], [2, -1, z], [2, 2, z], [-1, 2, z]]
+    return trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], process=False)
+
+
+def test_slide_from_python_keeps_distances_and_the_last_call_holds():
+    model = tf.Model.block((4, 4, 2), (4e-3, 4e-3, 2e-3), SOFT)
+    bottom = model.nodes[:, 2] < 1e-9
+    distance = model.slide(bottom, floor(-1e-3))
+    np.testing.assert_allclose(distance, 1e-3, rtol=1e-12)
+    np.testing.assert_array_equal(model.sliding.nodes, np.flatnonzero(bottom))
+    assert model.slide(bottom, floor(5e-3), "lid") == pytest.approx(-5e-3)
+    assert [model.sliding.surfaces[n].name for n in (0, 1)] == ["surface 1", "lid"]
+    assert (model.sliding.surface == 1).all()
+    model.fix(lambda X: X[:, 0] < 1e-9, "x")
+    assert len(model.sliding) == 25
+    model.fix(lambda X: X[:, 0] < 1e-9, "yz")
+    assert len(model.sliding) == 20
+    model.prescribe(lambda X: X[:, 0] > 3.9e-3, {"x": 0.0, "y": 0.0, "z": 1e-3})
+    assert len(model.sliding) == 15
+    corner = (model.nodes < 1e-9).all(axis=1)
+    model.slide(corner, floor(-1e-3), "again")
+    assert not model.fixed[corner].any() and np.flatnonzero(corner)[0] in model.sliding.nodes
+    with pytest.raises(InputError, match="another surface 'lid'"):
+        model.slide(bottom, floor(), "lid")
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0]], [[0, 1, 1]], process=False)
+    for surface, word in ((flat, "no triangle"), (None, "NoneType"), (floor(np.nan), "finite")):
+        with pytest.raises(InputError, match=word):
+            model.slide(bottom, surface)
+
+
+def test_a_simulation_keeps_what_the_scene_lets_slide():
+    model = tf.Model.block((2, 2, 2), (2e-3, 2e-3, 2e-3), SOFT)
+    model.slide(lambda X: X[:, 2] < 1e-9, floor())
+    model.gravity = (3.0, 0.0, 9.81)
+    sim = tf.Simulator(model, device="native", precision="double")
+    sim.step(50)
+    bottom = model.sliding.nodes
+    assert abs(sim.u[bottom, 2]).max() < 1e-15 and sim.u[bottom, 0].min() > 1e-9
+    assert sim.reaction(lambda X: X[:, 2] < 1e-9)[2] < 0.0  # it holds the body down
+
+
+def test_all_of_it_survives_the_model_file(tmp_path):
+    x, y, z = CENTRE
+    boundary = {
+        "ligaments": [{"name": "a", "points": [[x, y, z - 10]], "radius": 2}],
+        "attachments": [{"muscle": "lid", "reach": 1}],
+        "sliding": ["bones"],
+    }
+    model = build(tmp_path, boundary=boundary)
+    model.save(tmp_path / "m.h5")
+    again = tf.Model.load(tmp_path / "m.h5")
+    for name in ("nodes", "surface", "distance"):
+        np.testing.assert_array_equal(
+            getattr(again.sliding, name), getattr(model.sliding, name), strict=True
+        )
+    for one, other in zip(again.sliding.surfaces, model.sliding.surfaces, strict=True):
+        assert one.name == other.name
+        np.testing.assert_array_equal(one.vertices, other.vertices, strict=True)
+        np.testing.assert_array_equal(one.faces, other.faces, strict=True)
+    assert [(g.kind, g.name) for g in again.groups] == [(g.kind, g.name) for g in model.groups]
+    for one, other in zip(again.groups, model.groups, strict=True):
+        np.testing.assert_array_equal(one.nodes, other.nodes)
+    assert again.report["boundary"] == model.report["boundary"]
+    assert again.report["warnings"] == []
+
+
+def test_files_of_the_version_before_load_and_damage_is_named(tmp_path):
+    import h5py
+
+    model = tf.Model.block((2, 2, 2), (2e-3, 2e-3, 2e-3), SOFT)
+    path = tmp_path / "m.h5"
+    model.save(path)
+
+    def change(**attributes):
+        with h5py.File(path, "a") as file:
+            file.attrs.update(attributes)
+
+    change(version=1)
+    old = tf.Model.load(path)
+    assert old.n_elements == 8 and len(old.sliding) == 0 and old.groups == [] and old.report == {}
+    change(version=3)
+    with pytest.raises(InputError, match="version 3, this tledface reads versions 1 to 2; build"):
+        tf.Model.load(path)
+    model.slide(lambda X: X[:, 2] < 1e-9, floor())
+    for key, value, word in (
+        ("nodes", np.arange(20, 29), "node or a surface that is not there"),
+        ("surface", np.full(9, 1), "node or a surface that is not there"),
+        ("distance", np.zeros(8), "different lengths"),
+    ):
+        model.save(path)
+        with h5py.File(path, "a") as file:
+            del file["sliding"][key]
+            file["sliding"][key] = value
+        with pytest.raises(InputError, match=word) as caught:
+            tf.Model.load(path)
+        assert str(path) in str(caught.value)
