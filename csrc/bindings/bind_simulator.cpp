@@ -346,14 +346,14 @@ void define_simulator(py::module_& module) {
       .def("bound_at_rest", [](const Simulator& sim) { return bound_tuple(sim.bound_at_rest()); })
       .def(
           "limit_now",
-          // (limit, node, element, iterated)
+          // (limit, node, element, bound)
           [](Simulator& sim, const Array<double>& activations, double enough, double reach_low,
              double reach_high) {
             const auto values = to_vector(activations);
             py::gil_scoped_release release;
             const StepLimit limit = sim.limit_now(values, reach_low, reach_high, enough);
             py::gil_scoped_acquire acquire;
-            return py::make_tuple(limit.dt, limit.bound.node, limit.bound.element, limit.iterated);
+            return py::make_tuple(limit.dt, limit.bound.node, limit.bound.element, limit.bound.dt);
           },
           py::arg("activations"), py::arg("enough"), py::arg("reach_low") = 1.0,
           py::arg("reach_high") = 1.0)

@@ -52,12 +52,16 @@ class RowsPath final : public ForcePath {
     }
   }
   void enqueue_step(int now, std::int32_t index, int highest) override {
-    const bool some = highest >= 0 && highest + 1 < static_cast<int>(due_.size());
+    const bool has_levels = highest >= 0 && !due_.empty();
+    const bool some = has_levels && highest + 1 < static_cast<int>(due_.size());
     const DueRows& rows = some ? due_[highest] : all_;
     if (rows.n_bands == 0) return;
-    bind_rows(*step_[now], rows);
-    step_[now]->set_arg(kRowsStepIndex, index);
-    step_[now]->enqueue(rows.n_bands, 1);
+    Kernel& kernel = has_levels ? *step_levels_[now] : *step_[now];
+    kernel.set_arg(kRowsBands, *rows.bands);
+    kernel.set_arg(kRowsRows, *rows.rows);
+    kernel.set_arg(kRowsCount, static_cast<std::int32_t>(rows.n_bands));
+    kernel.set_arg(kRowsStepIndex, index);
+    kernel.enqueue(rows.n_bands, 1);
   }
   void enqueue_forces(int now, Buffer& force) override {
     force_[now]->set_arg(1, force);
@@ -70,6 +74,9 @@ class RowsPath final : public ForcePath {
     due_.clear();
     swap_ends_.assign(levels.n_levels, 0);
     if (levels.n_levels == 1) return;
+    for (int parity = 0; parity < 2; ++parity)
+      if (!step_levels_[parity])
+        step_levels_[parity] = make_kernel("step_levels_" + step_form(arrays_, options_), parity);
     for (int level = 0; level < levels.n_levels; ++level)
       due_.push_back(level + 1 < levels.n_levels ? make_rows(levels.nodes, level) : DueRows());
     std::vector<std::int32_t> list;
@@ -118,11 +125,6 @@ class RowsPath final : public ForcePath {
          edge_.get()},
         {static_cast<std::int32_t>(all_.n_bands), all_.n_planes, 0, options_.step_reals});
   }
-  void bind_rows(Kernel& kernel, const DueRows& rows) const {
-    kernel.set_arg(kRowsBands, *rows.bands);
-    kernel.set_arg(kRowsRows, *rows.rows);
-    kernel.set_arg(kRowsCount, static_cast<std::int32_t>(rows.n_bands));
-  }
 
   const Binder binder_;
   const SolverArrays& arrays_;
@@ -134,7 +136,7 @@ class RowsPath final : public ForcePath {
   std::vector<DueRows> due_;  // by the highest level that is due; of the highest of all: all_
   std::vector<std::int32_t> swap_ends_;  // by the highest level: how many of the list
   std::unique_ptr<Buffer> scratch_, edge_, swap_list_;
-  std::unique_ptr<Kernel> step_[2], force_[2], swap_;
+  std::unique_ptr<Kernel> step_[2], step_levels_[2], force_[2], swap_;
 };
 
 class GatherPath final : public ForcePath {

@@ -41,7 +41,16 @@ FORMAT = "tledface checkpoint"
 VERSION = 1
 
 # When the simulator next looks at the state, and what it found last: looks may change dt.
-_WATCH = ("check_interval", "until_check", "last_bound", "stiffest", "expected", "warned", "stale")
+_WATCH = (
+    "check_interval",
+    "until_check",
+    "last_bound",
+    "bound_then",
+    "stiffest",
+    "expected",
+    "warned",
+    "stale",
+)
 _DEVICE = ("id", "name", "platform", "driver")
 _CHUNK = 1 << 20
 # Bounds at rest differ in their last bits from compiler to compiler, models by far more.
@@ -184,7 +193,8 @@ def _read(
         sim._until_entry = entry.pop("until_entry")
         sim._energies = entry or None
     for key in _WATCH:
-        setattr(sim._watch, key, watch[key])
+        if key in watch:  # files of before dt could rise have no bound_then
+            setattr(sim._watch, key, watch[key])
     if unlike:
         warnings.warn(f"checkpoint {path}: {unlike}; not bit for bit", stacklevel=4)
     return sim

@@ -42,6 +42,10 @@ RELIEFS = (0.5, 0.6, 0.75, 1.0)
 # Shortest steps between two looks at the state (finite? the limit for the strain of now?): few at
 # first and while the limit is falling, then more. A look costs as much as some 20 steps.
 _FIRST_CHECK, _LAST_CHECK = 8, 512
+# An automatic dt is raised by no less than the first factor, up to that of rest, since each change
+# costs some accuracy. The iteration that finds out is run when the nodes' bound, which moves less
+# than the limit, has risen by the second.
+_RAISE, _HOPE = 1.25, 1.02
 # The limit is falling when a look finds it lower than this share of the one before.
 _FALLING = 0.98
 # Shares of a fibre's stretch that it may reach until the next look: contraction stiffens it. Far
@@ -66,7 +70,7 @@ _MOST_ADVISED_SCALING = 1000.0
 
 
 class StepWatch:
-    """Looks at the limit every some steps and lowers an automatic dt in time.
+    """Looks at the limit every some steps and lowers an automatic dt in time, or raises it again.
 
     A look takes each activation at its highest until the next one; an activation that rises
     above that brings the next look forward. With subcycling it also says which blocks take which
@@ -98,7 +102,7 @@ class StepWatch:
         self.auto = dt == "auto"
         rest = np.zeros(n_muscles)
         enough = math.inf if isinstance(dt, str) else float(dt)
-        self.rest_limit, _, self.critical, _ = core.limit_now(rest, enough)
+        self.rest_limit, _, self.critical, self._rest_bound = core.limit_now(rest, enough)
         self.substeps = 1
         if subcycling is not False and core.can_subcycle and not isinstance(dt, str):
             # The fewest that let the shortest step be as short as it should, or else may.
@@ -128,6 +132,8 @@ class StepWatch:
         self._check_after(_FIRST_CHECK)
         self.stale = stale
         self.last_bound, self.stiffest = self.rest_limit, self.critical
+        # The nodes' bound when dt was last set by it, or last found not to be worth raising.
+        self.bound_then = self._rest_bound
         self.expected = np.zeros(0)
 
     def admitted(self, activations: Floats) -> int:
@@ -139,7 +145,7 @@ class StepWatch:
         return int(np.argmax(rising)) if rising.any() else len(activations)
 
     def look(self, sample: Callable[[NDArray[np.int64]], Floats], *, early: bool = False) -> None:
-        """Find the limit of now; lower an automatic dt, or warn of a given one.
+        """Find the limit of now; lower or raise an automatic dt, or warn of a given one.
 
         Args:
             sample: The activations after some numbers of steps, (n,) -> (n, n_muscles).
@@ -152,9 +158,14 @@ class StepWatch:
         enough = core.dt / _TAUT if self.auto else core.dt
         low = _JUMP_LOW if early else _REACH_LOW
         # After a jump the node bound alone: it leaves room for the strain that comes.
-        limit, _, stiffest, _ = core.limit_now(
+        limit, _, stiffest, bound = core.limit_now(
             self.expected, 0.0 if early else enough, low, _REACH_HIGH
         )
+        wide = False
+        if self.auto and not early and bound > _HOPE * self.bound_then:
+            limit, _, stiffest, bound = core.limit_now(self.expected, math.inf, low, _REACH_HIGH)
+            self.bound_then = bound
+            wide = min(SAFETY * limit, self.auto_dt) > _RAISE * core.dt
         falling = early or limit < _FALLING * self.last_bound
         interval = (
             max(_FIRST_CHECK, self.check_interval // 2)
@@ -164,8 +175,9 @@ class StepWatch:
         self._check_after(_FIRST_CHECK if early else interval)
         self.last_bound, self.stiffest = limit, stiffest
         taut = 0.0 < limit < enough
-        if taut and self.auto:
-            core.dt = SAFETY * limit
+        if self.auto and (taut or wide):
+            core.dt = min(SAFETY * limit, self.auto_dt)
+            self.bound_then = bound
         core.choose_levels()
         if taut and not self.auto and not self.warned:
             self.warned = True

@@ -237,6 +237,26 @@ def test_auto_dt_follows_a_rising_activation(over):
     assert sim.dt < 0.8 * first
 
 
+def test_auto_dt_comes_back_when_the_body_does():
+    """Squeezed by 40 % and let go: down in time, and up again to the step of rest, no further."""
+    model = tf.Model.block((8, 4, 4), (4e-3, 2e-3, 2e-3), soft(50e3, 0.45))
+    model.fix(lambda X: X[:, 0] < 1e-9)
+    over = 150e-3
+    model.prescribe(
+        lambda X: X[:, 0] > 4e-3 - 1e-9,
+        {"x": lambda t: -1.6e-3 * np.sin(np.pi * min(t / over, 1.0)) ** 2},
+    )
+    sim = tf.Simulator(model, damping=500.0, device="native")
+    first, lowest = sim.dt, sim.dt
+    while sim.time < 1.5 * over:
+        sim.step(100)
+        assert sim.dt <= sim.dt_crit
+        lowest = min(lowest, sim.dt)
+    assert lowest < 0.7 * first
+    assert 0.8 * first < sim.dt <= first
+    assert abs(sim.u).max() < 1e-6
+
+
 def test_a_given_dt_above_the_limit_of_now_warns_once():
     model = muscle()
     model.fix(lambda X: X[:, 0] < 1e-9)

@@ -68,14 +68,19 @@ struct Wrapper<kFunction> {
 #define TLED_ENTRY(name) \
   {#name, Wrapper<&name>::kCount, Wrapper<&name>::kPointers, Wrapper<&name>::run}
 constexpr KernelEntry kEntries[] = {
-    TLED_ENTRY(step_rows_physical),  TLED_ENTRY(step_rows_kappa),  TLED_ENTRY(step_rows_cubes),
-    TLED_ENTRY(force_rows_physical), TLED_ENTRY(apply_loads),      TLED_ENTRY(apply_pressure),
-    TLED_ENTRY(prescribe_values),    TLED_ENTRY(prescribe_fields), TLED_ENTRY(force_rows_kappa),
-    TLED_ENTRY(swap_blocks),         TLED_ENTRY(element_state),    TLED_ENTRY(element_growth),
-    TLED_ENTRY(hex_forces_physical), TLED_ENTRY(hex_forces_kappa), TLED_ENTRY(hex_integrate_nodes),
-    TLED_ENTRY(hex_gather_forces),   TLED_ENTRY(hex_state),        TLED_ENTRY(hex_growth),
-    TLED_ENTRY(slide_nodes),         TLED_ENTRY(grid_nearest),     TLED_ENTRY(roofline_axpy),
-    TLED_ENTRY(roofline_copy),       TLED_ENTRY(roofline_mixed),
+    TLED_ENTRY(step_rows_physical),   TLED_ENTRY(step_rows_kappa),
+    TLED_ENTRY(step_rows_cubes),      TLED_ENTRY(force_rows_physical),
+    TLED_ENTRY(apply_loads),          TLED_ENTRY(apply_pressure),
+    TLED_ENTRY(prescribe_values),     TLED_ENTRY(prescribe_fields),
+    TLED_ENTRY(force_rows_kappa),     TLED_ENTRY(swap_blocks),
+    TLED_ENTRY(step_levels_physical), TLED_ENTRY(step_levels_cubes),
+    TLED_ENTRY(step_levels_kappa),    TLED_ENTRY(element_state),
+    TLED_ENTRY(element_growth),       TLED_ENTRY(hex_forces_physical),
+    TLED_ENTRY(hex_forces_kappa),     TLED_ENTRY(hex_integrate_nodes),
+    TLED_ENTRY(hex_gather_forces),    TLED_ENTRY(hex_state),
+    TLED_ENTRY(hex_growth),           TLED_ENTRY(slide_nodes),
+    TLED_ENTRY(grid_nearest),         TLED_ENTRY(roofline_axpy),
+    TLED_ENTRY(roofline_copy),        TLED_ENTRY(roofline_mixed),
 };
 constexpr tledface::native::KernelTable kTable = {TLED_INSTRUCTION_SET, TLED_LANES, kEntries,
                                                   sizeof kEntries / sizeof kEntries[0]};
