@@ -41,7 +41,7 @@ def choose_substeps(core: _core.Simulator, subcycling: bool | int) -> int:
     Its shortest step and a limit must be known. True takes as many as pay, by what blocks of nodes
     and elements would be left out; a number is taken as it is.
     """
-    if subcycling is False or subcycling == 1 and subcycling is not True:
+    if subcycling is False or (subcycling == 1 and subcycling is not True):
         return 1
     if not core.can_subcycle:
         warnings.warn(
