@@ -10,7 +10,7 @@ namespace tledface {
 namespace {
 
 // Shares of its bound that a node's step may reach: to go up to it, and to stay there.
-constexpr double kRoomy = 0.85, kTaut = 0.95;
+constexpr double kRoomy = 0.92, kTaut = 1.0;
 // Cost of what a step does with a block of nodes whatever its elements do.
 constexpr double kNodeCost = 0.15;
 
