@@ -3,12 +3,17 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/threads.hpp"
+#include "precompute/layout.hpp"
+
 namespace tledface {
 namespace {
 
 // Largest slope of stretch * f_act(stretch) (at stretch 2/3 lambda_opt: 3.083), which the active
 // stress reaches on its ascending limb.
 constexpr double kActiveSlope = 37.0 / 12.0;
+// Elements or blocks that one work-item takes.
+constexpr std::size_t kChunk = 4096;
 // Stretches at which a fibre's slope within its reach is looked at.
 constexpr int kReachSamples = 7;
 
@@ -81,28 +86,31 @@ Fibre fibre_state(const double* F, const double* d) {
 std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessState& state) {
   const double* h = model.voxel.data();
   const double inverse_square[3] = {1 / (h[0] * h[0]), 1 / (h[1] * h[1]), 1 / (h[2] * h[2])};
-  double sum = inverse_square[0] + inverse_square[1] + inverse_square[2];
+  const double of_box = inverse_square[0] + inverse_square[1] + inverse_square[2];
   const double largest = *std::max_element(inverse_square, inverse_square + 3);
   const std::size_t n_elements = model.n_elements();
 
   std::vector<double> stiffness(n_elements);
-  for (std::size_t e = 0; e < n_elements; ++e) {
-    const double bulk = model.bulk_modulus[e], mu = model.shear_modulus[e];
-    const double lambda = bulk - 2 * mu / 3;
-    const double factor = state.growth.empty() ? 1 : std::max(state.growth[e], 1.0);
-    stiffness[e] =
-        factor * (model.conforming() ? model.hexahedra[e].stiffening *
-                                           linear_stiffness(model.hexahedra[e], lambda, mu)
-                                     : lambda * sum + 2 * mu * largest);
-    if (!state.growth.empty() && !(state.growth[e] > 0)) stiffness[e] = HUGE_VAL;
-  }
+  parallel_for_chunks(n_elements, kChunk, [&](std::size_t begin, std::size_t end) {
+    for (std::size_t e = begin; e < end; ++e) {
+      const double bulk = model.bulk_modulus[e], mu = model.shear_modulus[e];
+      const double lambda = bulk - 2 * mu / 3;
+      const double factor = state.growth.empty() ? 1 : std::max(state.growth[e], 1.0);
+      stiffness[e] =
+          factor * (model.conforming() ? model.hexahedra[e].stiffening *
+                                             linear_stiffness(model.hexahedra[e], lambda, mu)
+                                       : lambda * of_box + 2 * mu * largest);
+      if (!state.growth.empty() && !(state.growth[e] > 0)) stiffness[e] = HUGE_VAL;
+    }
+  });
   for (std::size_t m = 0; m < model.muscles.size(); ++m) {
     const VoxelMuscle& muscle = model.muscles[m];
     const double steepest = muscle.sigma_act * kActiveSlope +
                             muscle.sigma_pas * steepest_passive_slope(muscle.lambda_pas);
-    for (std::size_t i = 0; i < muscle.elements.size(); ++i) {
+    // An element is once in a muscle.
+    const auto add = [&](std::size_t i) {
       const double* d = &muscle.fibre[3 * i];
-      double along = 0;
+      double along = 0, sum = of_box;
       if (model.conforming()) {  // 2 d.G d and 2 tr G in place of sums over 1/h^2
         const auto G = model.hexahedra[muscle.elements[i]].gradient_square();
         along = 2 * (G[0] * d[0] * d[0] + G[1] * d[1] * d[1] + G[2] * d[2] * d[2]) +
@@ -114,7 +122,7 @@ std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessSt
       double added = steepest * along;
       if (!state.activations.empty()) {
         const Fibre fibre = fibre_state(&state.deformation_gradient[9 * muscle.elements[i]], d);
-        if (!(fibre.J > 0)) continue;
+        if (!(fibre.J > 0)) return;
         added = 0;
         for (int k = 0; k < kReachSamples; ++k) {
           const double share =
@@ -130,17 +138,43 @@ std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessSt
         }
       }
       stiffness[muscle.elements[i]] += muscle.weight[i] * added;
-    }
+    };
+    parallel_for_chunks(muscle.elements.size(), kChunk, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) add(i);
+    });
   }
   return stiffness;
 }
 
 std::vector<double> node_stiffness(const VoxelModel& model, const SolverArrays& arrays,
                                    const std::vector<double>& stiffness) {
-  std::vector<double> at_slot(std::size_t(arrays.n_blocks + 1) * arrays.lanes, 0.0);
-  for (std::size_t e = 0; e < stiffness.size(); ++e) {
-    const double share = stiffness[e] * model.element_volume(e) / 2;
-    for (int corner = 0; corner < 8; ++corner) at_slot[arrays.corner_slot(e, corner)] += share;
+  const std::size_t lanes = arrays.lanes, n_slots = std::size_t(arrays.n_blocks + 1) * lanes;
+  const auto share = [&](std::size_t e) { return stiffness[e] * model.element_volume(e) / 2; };
+  std::vector<double> at_slot(n_slots, 0.0);
+  if (model.conforming()) {
+    for (std::size_t e = 0; e < stiffness.size(); ++e)
+      for (int corner = 0; corner < 8; ++corner) at_slot[arrays.corner_slot(e, corner)] += share(e);
+  } else {
+    // Nodes gather, in one order: of the lanes of four rows, those at their own place and before.
+    std::vector<double> of_element(n_slots, 0.0);
+    parallel_for_chunks(stiffness.size(), kChunk, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t e = begin; e < end; ++e) of_element[arrays.element_slot[e]] = share(e);
+    });
+    const auto link = [&](std::size_t block, int which) {
+      return std::size_t(arrays.blocks[block * TLED_BLOCK_INTS + which]);
+    };
+    parallel_for_chunks(arrays.n_blocks, kChunk / lanes, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t b = begin; b < end; ++b) {
+        const std::size_t before_y = link(b, BLOCK_PREV_Y);
+        double* nodes = &at_slot[b * lanes];
+        for (const std::size_t row :
+             {b, before_y, link(b, BLOCK_PREV_Z), link(before_y, BLOCK_PREV_Z)}) {
+          const double* elements = &of_element[row * lanes];
+          nodes[0] += elements[0] + of_element[link(row, BLOCK_PREV_X) * lanes + lanes - 1];
+          for (std::size_t l = 1; l < lanes; ++l) nodes[l] += elements[l] + elements[l - 1];
+        }
+      }
+    });
   }
   std::vector<double> result(model.n_nodes());
   for (std::size_t n = 0; n < result.size(); ++n) result[n] = at_slot[arrays.node_slot[n]];
