@@ -52,6 +52,7 @@ class Check:
     geometry: dict[str, Any]
     memory_bytes: int | None
     dt_s: float
+    substeps: int
     dt_crit_s: float
     dt_tissue: str
     steps: int
@@ -82,8 +83,9 @@ class Check:
                 f"muscles    {muscles or 'none'}",
                 f"surfaces   {surfaces} (vertices that move with the tissue)",
                 f"memory     {memory} at most while building and simulating",
-                f"time step  {self.dt_s * 1e6:.3g} us; the bound is {self.dt_crit_s * 1e6:.3g} us, "
-                f"set by {self.dt_tissue}",
+                f"time step  {self.dt_s * 1e6:.3g} us"
+                + (f" of {self.substeps} short ones" if self.substeps > 1 else "")
+                + f"; the bound is {self.dt_crit_s * 1e6:.3g} us, set by {self.dt_tissue}",
                 f"time       about {_duration(self.estimated_s)} for {self.steps:,} steps "
                 f"on {self.device}",
             ]
@@ -135,6 +137,7 @@ def check_scene(
         + report.get("dropped_loose_voxels", 0),
         memory_bytes=_peak_memory(),
         dt_s=dt,
+        substeps=sim.substeps,
         dt_crit_s=dt_crit,
         dt_tissue=sim.dt_crit_tissue,
         steps=steps,

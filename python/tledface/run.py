@@ -296,6 +296,7 @@ def _simulate(
         n_nodes=model.n_nodes,
         steps=sim.n_steps,
         dt=sim.time / sim.n_steps,
+        substeps=sim.substeps,
         dt_crit=notes["dt_crit"],
         simulated=sim.time,
         time_scaling=pace,

@@ -17,9 +17,9 @@ __all__ = ["RunResult"]
 class RunResult:
     """What a run did and where its files are (``files``: role to path).
 
-    ``dt`` is the mean time step, ``dt_crit`` its bound at rest, ``simulated``, ``played``
-    (``time_scaling`` times it, the time of the frames) and ``wall`` are in s, ``max_displacement``
-    is in m; ``added_mass`` is what mass scaling added.
+    ``dt`` is the mean time step, of ``substeps`` shortest ones, ``dt_crit`` their bound at rest,
+    ``simulated``, ``played`` (``time_scaling`` times it, the time of the frames) and ``wall`` are
+    in s, ``max_displacement`` is in m; ``added_mass`` is what mass scaling added.
     """
 
     directory: Path
@@ -30,6 +30,7 @@ class RunResult:
     n_nodes: int
     steps: int
     dt: float
+    substeps: int
     dt_crit: float
     simulated: float
     time_scaling: float
@@ -41,8 +42,11 @@ class RunResult:
 
     @property
     def melem_steps_per_s(self) -> float:
-        """Millions of element steps for each second of the simulation, writing included."""
-        return self.n_elements * self.steps / max(self.wall, 1e-9) * 1e-6
+        """Millions of element steps for each second of the simulation, writing included.
+
+        With subcycling those of one shortest step for all, which it saves some of.
+        """
+        return self.n_elements * self.steps * self.substeps / max(self.wall, 1e-9) * 1e-6
 
     @property
     def played(self) -> float:
@@ -60,6 +64,7 @@ class RunResult:
             "nodes": self.n_nodes,
             "steps": self.steps,
             "dt_s": self.dt,
+            "substeps": self.substeps,
             "dt_crit_s": self.dt_crit,
             "simulated_s": self.simulated,
             "played_s": self.played,
@@ -77,7 +82,8 @@ class RunResult:
         """A few lines for a person."""
         lines = [
             f"{self.n_elements:,} elements, {self.steps:,} steps of {self.dt * 1e6:.3g} us "
-            f"(bound at rest {self.dt_crit * 1e6:.3g} us) on {self.device}: {self.wall:.1f} s, "
+            f"({f'{self.substeps} short ones each; ' if self.substeps > 1 else ''}"
+            f"bound at rest {self.dt_crit * 1e6:.3g} us) on {self.device}: {self.wall:.1f} s, "
             f"{self.melem_steps_per_s:.0f} M element-steps/s",
             *self._scaled(),
             f"largest displacement {self.max_displacement * 1e3:.2f} mm",

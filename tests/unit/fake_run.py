@@ -81,6 +81,7 @@ class FakeSimulator:
     """Waves of 2 mm at the end; ``fail_at`` ends in a state that is not finite."""
 
     dt = 1e-5
+    substeps = 1
     dt_crit = 1.1e-5
     dt_crit_tissue = "pull"
     added_mass = AddedMass(kg=0.028512, share=9.0, elements=2880)
