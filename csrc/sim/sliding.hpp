@@ -77,7 +77,7 @@ class Sliding {
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
   std::vector<Group> groups_;
   std::unique_ptr<Buffer> rows_, regions_, ints_, laws_, candidates_, candidate_reals_, triangles_,
-      grids_, grid_reals_, cell_begin_, cell_triangles_;
+      grids_, grid_reals_, cell_begin_, cell_triangles_, zones_, triangle_zones_;
 };
 
 // Squared distance and nearest triangle of points (3 each) as the device's grid search finds them.
