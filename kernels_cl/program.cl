@@ -34,5 +34,6 @@
 #include "conditions.cl"
 #include "sliding_layout.cl"
 #include "sliding_search.cl"
+#include "sliding_zone.cl"
 #include "sliding_region.cl"
 #include "sliding.cl"

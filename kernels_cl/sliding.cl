@@ -1,25 +1,28 @@
 // Nodes that slide on triangle surfaces at a fixed distance (Warburton & Maddock 2014, section 5.4):
-// after each step a node is put back along the normal of its closest point. Three levels, so that
+// after each step a node is put back along the normal of its closest point. Four levels, so that
 // nearly every node costs a few multiplications:
 //
 // 1. While the closest point is on one face the surface is that face's plane, while it is on one edge
-//    or corner the surface is that line or point. The region of places for which that is known to hold
-//    is a ball about the place where level 2 was last run, less what lies past some borders. It is
-//    looked at only when the node is as far from where it was then as its nearest side was.
-// 2. Past it, the exact closest point (face, edge or vertex; side by angle-weighted pseudonormals,
-//    Baerentzen & Aanaes 2005) among the node's own candidates: with d_1 the nearest distance and d_k
-//    the nearest of a triangle that is none, no other can be closest within (d_k - d_1)/2.
-// 3. Past that, the candidates are sought again in a uniform grid of the triangles.
+//    or corner the surface is that line or point. What is known to hold is looked at only when the node
+//    leaves a ball within which it does.
+// 2. Past it, the zone of its face or edge (sliding_zone.cl), which is the same for all nodes, or the
+//    zone behind the border that it crossed: there is a new ball.
+// 3. Where no zone is known to hold, the exact closest point (face, edge or vertex; side by
+//    angle-weighted pseudonormals, Baerentzen & Aanaes 2005) among the node's own candidates: with d_1
+//    the nearest distance and d_k the nearest of a triangle that is none, no other can be closest
+//    within (d_k - d_1)/2. It is in a zone, or has a region of its own: a ball about the place, less
+//    what lies past some borders.
+// 4. Past that, the candidates are sought again in a uniform grid of the triangles.
 //
-// What a node gets does not depend on when levels 2 and 3 were last run for it, but for rounding where
-// two regions meet: a checkpoint holds the regions. All positions are relative to a point amid the
+// What a node gets does not depend on when levels 2 to 4 were last run for it, but for rounding where
+// two of these places meet: a checkpoint holds them. All positions are relative to a point amid the
 // nodes. Arrays: sliding_layout.cl.
 //
 // Of a surface that moves, all this is done as seen from the surface. Friction is Coulomb's with what
 // the surface has to push or pull as the normal force: the way along the surface in this step is
 // shortened by the coefficient times the way back to the distance, at most to nothing.
 
-// Rows between one and the one whose region is fetched meanwhile; its nodes are as many before that.
+// Rows between one and the one whose borders are fetched meanwhile; what leads there as many before each.
 #define AHEAD 3
 #define LINE_REALS (64 / (int)sizeof(real))
 
@@ -81,49 +84,50 @@ INLINE Points lanes_seen(const SlideRow* row, Points u) {
   return lanes_seen_from(row->pose, lanes_of(row->regions + row->first + REGION_PLACE * TLED_LANES), u);
 }
 
-// Distance to the nearest side of the regions of a row's nodes, seen from their surface; not above 0
-// outside.
-INLINE realv left_in_regions(const SlideRow* row, Points u) {
-  __global const real* lanes = row->regions + row->first;
-  const Points anchor = lanes_of(lanes + REGION_ANCHOR * TLED_LANES);
-  const Points way = {u.x - anchor.x, u.y - anchor.y, u.z - anchor.z};
-  realv left =
-      load_lanes(lanes + REGION_RADIUS * TLED_LANES) - square_root(lanes_inner(way, way));
-  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    __global const real* border = lanes + (REGION_BORDERS + 4 * k) * TLED_LANES;
-    const realv to = load_lanes(border + 3 * TLED_LANES) - lanes_inner(lanes_of(border), u);
-    left = to < left ? to : left;
-  }
-  return left;
+#if TLED_VECTOR_ROWS
+// Whether all nodes of a row that is `ahead` rows on are known to be where they were. Surfaces that move
+// are not looked ahead for.
+INLINE int stays_ahead(const SlideRow* row, __global const real* u, int ahead) {
+  __global const real* lanes = row->rows + ahead * SLIDE_ROWS * TLED_LANES;
+  const Points now = lanes_of(u + row->ints[ahead * SLIDE_INTS * TLED_LANES]);
+  const Points last = lanes_of(lanes + SLIDE_SEEN * TLED_LANES);
+  const Points way = {now.x - last.x, now.y - last.y, now.z - last.z};
+  const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES);
+  return all_below(lanes_inner(way, way), slack * slack);
 }
 
-#if TLED_VECTOR_ROWS
-// What later rows need is on its way meanwhile: their nodes and, a little later, the regions that are
-// about to be looked at. left: rows behind this one.
-INLINE void fetch_ahead(const SlideRow* row, __global const real* u, int left) {
-  if (left >= 2 * AHEAD) {
-    __global const real* lanes = row->rows + 2 * AHEAD * SLIDE_ROWS * TLED_LANES;
+// What later rows need is on its way meanwhile: their nodes, a little later the places and zones of those
+// that are about to be looked at, then the borders there. left: rows behind this one.
+INLINE void fetch_ahead(const SlideRow* row, const SlideSurfaces* s, __global const real* u, int left) {
+  if (left >= 3 * AHEAD) {
+    __global const real* lanes = row->rows + 3 * AHEAD * SLIDE_ROWS * TLED_LANES;
     for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS) prefetch_line(lanes + k);
-    prefetch_line((__global const real*)row->ints + 4 * AHEAD * SLIDE_INTS * TLED_LANES);
-    __global const real* nodes = u + row->ints[2 * AHEAD * SLIDE_INTS * TLED_LANES];
+    prefetch_line((__global const real*)(row->ints + 5 * AHEAD * SLIDE_INTS * TLED_LANES));
+    __global const real* nodes = u + row->ints[3 * AHEAD * SLIDE_INTS * TLED_LANES];
     for (int k = 0; k < 3 * TLED_LANES; k += LINE_REALS) prefetch_line(nodes + k);
     prefetch_line(nodes + 3 * TLED_LANES - 1);
   }
-  if (left >= AHEAD && !row->moves) {
-    __global const real* lanes = row->rows + AHEAD * SLIDE_ROWS * TLED_LANES;
-    const Points now = lanes_of(u + row->ints[AHEAD * SLIDE_INTS * TLED_LANES]);
-    const Points last = lanes_of(lanes + SLIDE_SEEN * TLED_LANES);
-    const Points way = {now.x - last.x, now.y - last.y, now.z - last.z};
-    const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES);
-    if (all_below(lanes_inner(way, way), slack * slack)) return;
-    __global const real* region = row->regions + AHEAD * REGION_ROWS * TLED_LANES;
-    for (int k = REGION_ANCHOR * TLED_LANES; k < REGION_DISTANCE * TLED_LANES; k += LINE_REALS)
-      prefetch_line(region + k);
+  if (row->moves) return;
+  if (left >= 2 * AHEAD && !stays_ahead(row, u, 2 * AHEAD)) {
+    __global const real* places = row->regions + (2 * AHEAD * REGION_ROWS + REGION_PLACE) * TLED_LANES;
+    for (int k = 0; k < 3 * TLED_LANES; k += LINE_REALS) prefetch_line(places + k);
+    prefetch_line((__global const real*)(row->ints + (2 * AHEAD * SLIDE_INTS + SLIDE_ZONE) * TLED_LANES));
   }
+  if (left >= AHEAD && !stays_ahead(row, u, AHEAD))
+    for (int lane = 0; lane < TLED_LANES; ++lane) {
+      const int zone = row->ints[(AHEAD * SLIDE_INTS + SLIDE_ZONE) * TLED_LANES + lane];
+      __global const real* at = u + row->ints[AHEAD * SLIDE_INTS * TLED_LANES + lane];
+      __global const real* last = row->rows + AHEAD * SLIDE_ROWS * TLED_LANES + lane;
+      const real x = at[0] - last[0], y = at[TLED_LANES] - last[TLED_LANES],
+                 z = at[2 * TLED_LANES] - last[2 * TLED_LANES], slack = last[SLIDE_SLACK * TLED_LANES];
+      if (zone < 0 || x * x + y * y + z * z < slack * slack) continue;
+      __global const real* in = s->zones + (long)zone * ZONE_REALS;
+      for (int k = 0; k < ZONE_BORDER + 8 * ZONE_BORDER_REALS; k += LINE_REALS) prefetch_line(in + k);
+    }
 }
 #endif
 
-// Levels 1 to 3: afterwards the row's surfaces are those of the places `seen` of u.
+// Levels 1 to 4: afterwards the row's surfaces are those of the places `seen` of u.
 INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
                           __global const real* u) {
   __global real* lanes = row->rows + row->first;
@@ -131,22 +135,12 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
   const Points way = {seen.x - last.x, seen.y - last.y, seen.z - last.z};
   const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES);
   if (all_below(lanes_inner(way, way), slack * slack)) return;
-  const realv left = left_in_regions(row, seen);
-  store_lanes(seen.x, lanes + SLIDE_SEEN * TLED_LANES);
-  store_lanes(seen.y, lanes + (SLIDE_SEEN + 1) * TLED_LANES);
-  store_lanes(seen.z, lanes + (SLIDE_SEEN + 2) * TLED_LANES);
-  store_lanes(left > R(0.0) ? left : broadcast(R(0.0)), lanes + SLIDE_SLACK * TLED_LANES);
-  if (all_below(-left, broadcast(R(0.0)))) return;
-  int round = 0;
+  __global int* shape = row->ints + SLIDE_SHAPE * TLED_LANES + row->first;
   for (int lane = row->first; lane < row->last; ++lane) {
     const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
     if (surface < 0) continue;
     __global real* mine = row->rows + lane;
     __global real* region = row->regions + lane;
-    if (mine[SLIDE_SLACK * TLED_LANES] > R(0.0)) {
-      round |= region[REGION_ROUND * TLED_LANES] != R(0.0);
-      continue;
-    }
     const int dof = row->ints[lane];
     Point v = {u[dof], u[dof + TLED_LANES], u[dof + 2 * TLED_LANES]};
     if (row->moves) {
@@ -154,13 +148,17 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
                        region[(REGION_PLACE + 2) * TLED_LANES]};
       v = seen_from(row->pose, X, v);
     }
+    const Point since = {v.x - mine[SLIDE_SEEN * TLED_LANES], v.y - mine[(SLIDE_SEEN + 1) * TLED_LANES],
+                         v.z - mine[(SLIDE_SEEN + 2) * TLED_LANES]};
+    const real holds = mine[SLIDE_SLACK * TLED_LANES];
+    if (inner(since, since) < holds * holds) continue;
     // Held components are looked after by whoever turns the way back, where the surface may turn.
-    const int free = row->moves ? 7 : row->ints[SLIDE_FREE * TLED_LANES + lane];
-    round |= find_surface(s, v, surface, free, mine, region, row->candidates + lane * SLIDE_CANDIDATES,
-                          row->candidate_reals + lane * SLIDE_CANDIDATE_REALS);
+    const int round = look_at_node(s, v, surface >> 3, row->moves ? 7 : surface & 7, mine, region,
+                                   row->ints + SLIDE_ZONE * TLED_LANES + lane,
+                                   row->candidates + lane * SLIDE_CANDIDATES,
+                                   row->candidate_reals + lane * SLIDE_CANDIDATE_REALS);
+    *shape = (*shape & ~(2 << lane)) | round << (lane + 1);
   }
-  __global int* shape = row->ints + SLIDE_SHAPE * TLED_LANES + row->first;
-  *shape = (*shape & ~1) | round;
 }
 
 // How far off their distance nodes are, which way is back, and the unit normal.
@@ -178,8 +176,8 @@ INLINE WayBack way_back(const SlideRow* row, Points seen) {
   WayBack way;
   way.off = target - lanes_inner(n, seen);
   way.normal = way.back = n;
-  if (shape & 2) way.back = lanes_of(row->regions + row->first + REGION_ALONG * TLED_LANES);
-  if (shape & 1) {
+  if (shape & 1) way.back = lanes_of(row->regions + row->first + REGION_ALONG * TLED_LANES);
+  if (shape > 1) {
     __global const real* region = row->regions + row->first;
     const realv round = load_lanes(region + REGION_ROUND * TLED_LANES);
     const Points on = lanes_of(region + REGION_ON * TLED_LANES);
@@ -212,7 +210,7 @@ INLINE realv released(realv off, __global const real* region, __global const rea
 // Work-item: a row of TLED_LANES nodes, those of one block, from `first_row` on, or one node where rows are no
 // vectors. Moves them to their distance in u_next. pose_column: of the step table; -1: surfaces that
 // stand still. has_laws: slide_laws is there. keep_ways: whether the ways back are to be kept, for
-// reactions.
+// reactions. has_levels: 0 where all nodes are on level 0.
 __kernel void slide_nodes(__global real* restrict u_next, __global const real* restrict u_now,
                           __global real* restrict slide_rows,
                           __global real* restrict slide_regions, __global int* restrict slide_ints,
@@ -223,10 +221,12 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
                           __global const real* restrict grid_reals,
                           __global const int* restrict cell_begin,
                           __global const int* restrict cell_triangles,
+                          __global const real* restrict zones,
+                          __global const int* restrict triangle_zones,
                           __global const int* restrict blocks,
                           __global const real* restrict step_table, int n_items, int first_row,
                           int has_laws, int pose_column, int step_reals, int step_index,
-                          int keep_ways) {
+                          int keep_ways, int has_levels) {
   const int item = (int)get_global_id(0);
   if (item >= n_items) return;
 #if TLED_VECTOR_ROWS
@@ -237,8 +237,8 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
   __global const real* step = step_table + (long)step_index * step_reals;
   const long node = (long)place * TLED_LANES;
   const long dof = slide_ints[node * SLIDE_INTS + first];
-  const int block = (int)(dof / (3 * TLED_LANES));
-  const int level = NODE_LEVEL(blocks[(long)block * TLED_BLOCK_INTS + BLOCK_LEVELS]);
+  const long links = dof / (3 * TLED_LANES) * TLED_BLOCK_INTS;
+  const int level = has_levels ? NODE_LEVEL(blocks[links + BLOCK_LEVELS]) : 0;
   __global const real* of_level = step + level * TLED_STEP_LEVEL;
   if (of_level[STEP_DUE] == R(0.0)) return;
   // The last of the shortest steps in the nodes' own.
@@ -253,11 +253,12 @@ __kernel void slide_nodes(__global real* restrict u_next, __global const real* r
                         pose_column >= 0,
                         first,
                         last};
-  const SlideSurfaces surfaces = {triangles, grids, grid_reals, cell_begin, cell_triangles};
+  const SlideSurfaces surfaces = {triangles,      grids, grid_reals,    cell_begin,
+                                  cell_triangles, zones, triangle_zones};
   __global real* lanes = row.rows + first;
   __global real* region = row.regions + first;
 #if TLED_VECTOR_ROWS
-  fetch_ahead(&row, u_next, n_items - 1 - item);
+  fetch_ahead(&row, &surfaces, u_next, n_items - 1 - item);
 #endif
   Points u = lanes_of(u_next + dof);
   Points seen = lanes_seen(&row, u);

@@ -4,14 +4,14 @@
 // reads, and slide_regions, likewise, the rest. Displacements are those seen from the surface
 // (sliding.cl).
 #define SLIDE_ROWS 8
-#define SLIDE_SEEN 0      // 3: displacement when the region was last looked at, m
-#define SLIDE_SLACK 3     // distance from there to the region's nearest side, m; 0: to be looked at
+#define SLIDE_SEEN 0      // 3: displacement amid a ball in which nothing changes, m
+#define SLIDE_SLACK 3     // radius of the ball, m; 0: to be looked at
 #define SLIDE_NORMAL 4    // 3: unit normal of the plane; of an edge its direction, of a corner 0
 #define SLIDE_TARGET 7    // plane: normal . u at the distance to keep, m; edge, corner: that distance
 
 #define REGION_ROWS 32
 #define REGION_ALONG 0    // 3: way back for each metre off the distance: the normal where all may move
-#define REGION_ANCHOR 3   // 3: displacement when level 2 was last run, m
+#define REGION_ANCHOR 3   // 3: displacement when level 3 was last run, m
 #define REGION_RADIUS 6   // of the region's ball, m
 #define REGION_BORDERS 7  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
 #define REGION_MOST_BORDERS 4
@@ -25,9 +25,9 @@
 // a row are those of one block, lane by lane.
 #define SLIDE_INTS 4
 #define SLIDE_DOF 0      // of the x component in u
-#define SLIDE_SHAPE 1    // in the row's first lane, bits: 1 a lane is on an edge or corner, 2 or held
-#define SLIDE_SURFACE 2  // -1: no node here
-#define SLIDE_FREE 3     // bits: 1 x may move, 2 y, 4 z
+#define SLIDE_SHAPE 1    // in the row's first lane, bits: 1 a lane is held, 2 << l lane l on edge or corner
+#define SLIDE_ZONE 2     // where it was last; -1: in none, the region is its own
+#define SLIDE_SURFACE 3  // 8 times the surface and bits: 1 x may move, 2 y, 4 z; -1: no node here
 
 // slide_laws[(row of nodes * SLIDE_LAWS + k) * TLED_LANES + lane], where surfaces move, rub or let go
 #define SLIDE_LAWS 5
@@ -39,7 +39,7 @@
 // by row, and translation, x = rotation . X + translation.
 #define POSE_REALS 12
 
-// Per node: candidates[node * SLIDE_CANDIDATES + ...], number first, by distance when level 3 was last
+// Per node: candidates[node * SLIDE_CANDIDATES + ...], number first, by distance when level 4 was last
 // run; candidate_reals[node * SLIDE_CANDIDATE_REALS + ...]: position then, the radius within which
 // they are enough, and their distances.
 #define SLIDE_MOST 20
@@ -53,6 +53,18 @@
 #define TRIANGLE_EDGES 12   // 9: pseudonormals of edges 0-1, 1-2, 2-0
 #define TRIANGLE_VERTICES 21  // 9
 #define TRIANGLE_BALL 30    // 4: a ball that holds it: centre, radius
+
+// zones[zone * ZONE_REALS + ...] (sliding_zone.cl), and triangle_zones[triangle * TRIANGLE_ZONES + ...]:
+// of nodes before it the face's and those of edges 0-1, 1-2, 2-0, then of nodes behind it; -1: none.
+#define ZONE_REALS 88
+#define ZONE_COUNT 0      // of borders
+#define ZONE_ROUND 1      // as REGION_ROUND
+#define ZONE_ON 2         // 3: a corner of the face, an end of the edge
+#define ZONE_DIRECTION 5  // 3: normal of the face, direction of the edge
+#define ZONE_BORDER 8     // ZONE_BORDER_REALS * ZONE_MOST_BORDERS
+#define ZONE_MOST_BORDERS 16
+#define ZONE_BORDER_REALS 5  // unit normal, outward; limit, m; number of the zone behind, -1: none is known
+#define TRIANGLE_ZONES 8
 
 // grids[surface * GRID_INTS + ...], grid_reals[surface * GRID_REALS + ...]
 #define GRID_INTS 4  // cells along x, y, z; first of its entries of cell_begin

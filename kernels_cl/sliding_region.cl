@@ -1,4 +1,4 @@
-// Level 2 of sliding.cl: the face, edge or corner that is nearest to a node, exactly, and the region of
+// Level 3 of sliding.cl: the face, edge or corner that is nearest to a node, exactly, and the region of
 // places for which that is known to hold.
 
 // Places farther than this from the middle of the nodes are lost, m.
@@ -44,15 +44,6 @@ INLINE void hold_before(Region* region, real distance, Point outward) {
   region->outward[at] = outward;
 }
 
-INLINE Point times(real s, Point a) {
-  Point b = {s * a.x, s * a.y, s * a.z};
-  return b;
-}
-INLINE Point across(Point a, Point b) {
-  Point c = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-  return c;
-}
-INLINE Point unit_of(Point a) { return times(R(1.0) / square_root_of(inner(a, a)), a); }
 INLINE int same(Point a, Point b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
 INLINE int is_corner(__global const real* triangle, Point v) {
@@ -103,16 +94,16 @@ INLINE int beside_edge(__global const real* triangle, Point a, Point b, Point al
   return 0;
 }
 
-// Levels 2 and 3 for one node at displacement u: its surface and how far that holds. rows: of its
-// lane. The result says whether it is on an edge or corner.
-OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int free,
+// Levels 3 and 4 for one node at displacement u, at p: its surface, its zone and how far that holds.
+// rows: of its lane. The result says whether it is on an edge or corner.
+OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, Point p, int surface, int free,
                              __global real* rows, __global real* region_rows,
-                             __global int* candidates, __global real* reals) {
+                             __global int* candidates, __global real* reals, int* zone,
+                             real* left, int* nearest) {
   const Point X = {region_rows[REGION_PLACE * TLED_LANES], region_rows[(REGION_PLACE + 1) * TLED_LANES],
                    region_rows[(REGION_PLACE + 2) * TLED_LANES]};
-  const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
-  // A state that has run away is for the watch to report, not to be sought for.
-  if (!(inner(p, p) < LOST * LOST)) return 0;
+  *zone = -1;
+  *left = R(0.0);
   Point off = minus(p, point_at(reals));
   real moved = square_root_of(inner(off, off));
   if (!(moved < reals[3])) {
@@ -141,6 +132,16 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
     }
   }
   if (face < 0) return 0;  // no number is near anything
+  if (best.feature < 4) {
+    const int behind = region_rows[REGION_DISTANCE * TLED_LANES] < R(0.0);
+    const int part = (behind ? TRIANGLE_ZONES / 2 : 0) + best.feature;
+    *zone = zone_of(s, s->triangle_zones[(long)face * TRIANGLE_ZONES + part], p, free, left, nearest);
+    if (*zone >= 0) {
+      const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_REALS, p);
+      write_shape(shape, X, free, rows, region_rows);
+      return shape.round != R(0.0);
+    }
+  }
   __global const real* triangle = s->triangles + (long)face * TRIANGLE_REALS;
   const Point away = minus(p, best.at);
   const Point first = point_at(triangle), normal = point_at(triangle + TRIANGLE_NORMAL);
@@ -259,13 +260,6 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
   // A little less, for rounding.
   real radius = R(0.98) * region.ball - flat;
   radius = radius > R(0.0) ? radius : R(0.0);
-  // The way back in the components that may move.
-  Point along = {free & 1 ? n.x : R(0.0), free & 2 ? n.y : R(0.0), free & 4 ? n.z : R(0.0)};
-  const real share = inner(along, n);
-  along = times(free == 7 ? R(1.0) : share > R(0.01) ? R(1.0) / share : R(0.0), along);
-  if (round != R(0.0)) n = axis;
-  const Point to = minus(on, X);
-  const real keep = region_rows[REGION_DISTANCE * TLED_LANES];
   real slack = radius;
   for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
     __global real* border = region_rows + (REGION_BORDERS + 4 * k) * TLED_LANES;
@@ -278,14 +272,64 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, int surface, int f
     border[3 * TLED_LANES] = inner(out, u) + within;
     slack = within < slack ? within : slack;
   }
-  const real values[SLIDE_ROWS] = {u.x, u.y, u.z, slack, n.x, n.y, n.z,
-                                  round != R(0.0) ? keep : keep + inner(n, to)};
-  for (int k = 0; k < SLIDE_ROWS; ++k) rows[k * TLED_LANES] = values[k];
-  const real region_values[REGION_BORDERS] = {along.x, along.y, along.z, u.x, u.y, u.z, radius};
-  for (int k = 0; k < REGION_BORDERS; ++k) region_rows[k * TLED_LANES] = region_values[k];
-  region_rows[REGION_ROUND * TLED_LANES] = round;
-  region_rows[REGION_ON * TLED_LANES] = to.x;
-  region_rows[(REGION_ON + 1) * TLED_LANES] = to.y;
-  region_rows[(REGION_ON + 2) * TLED_LANES] = to.z;
+  const real values[4] = {u.x, u.y, u.z, radius};
+  for (int k = 0; k < 4; ++k) region_rows[(REGION_ANCHOR + k) * TLED_LANES] = values[k];
+  const SlideShape shape = {round != R(0.0) ? axis : n, on, n, round};
+  write_shape(shape, X, free, rows, region_rows);
+  *left = slack;
   return round != R(0.0);
+}
+
+// How far a node is in its own region; not above 0 outside.
+INLINE real left_in_region(__global const real* region, Point u) {
+  const Point way = {u.x - region[REGION_ANCHOR * TLED_LANES],
+                     u.y - region[(REGION_ANCHOR + 1) * TLED_LANES],
+                     u.z - region[(REGION_ANCHOR + 2) * TLED_LANES]};
+  real left = region[REGION_RADIUS * TLED_LANES] - square_root_of(inner(way, way));
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    __global const real* border = region + (REGION_BORDERS + 4 * k) * TLED_LANES;
+    const Point outward = {border[0], border[TLED_LANES], border[2 * TLED_LANES]};
+    const real to = border[3 * TLED_LANES] - inner(outward, u);
+    left = to < left ? to : left;
+  }
+  return left;
+}
+
+// Looks at a node at displacement u that may have left its zone or region. The result says whether
+// it is on an edge or corner.
+OUT_OF_LINE int look_at_node(const SlideSurfaces* s, Point u, int surface, int free,
+                             __global real* rows, __global real* region, __global int* zone,
+                             __global int* candidates, __global real* candidate_reals) {
+  const Point X = {region[REGION_PLACE * TLED_LANES], region[(REGION_PLACE + 1) * TLED_LANES],
+                   region[(REGION_PLACE + 2) * TLED_LANES]};
+  const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
+  // A state that has run away is for the watch to report, not to be sought for.
+  const real square = inner(p, p);
+  if (!(square < LOST * LOST)) return 0;
+  const int before = *zone;
+  real left = R(0.0);
+  int nearest = 0, now = zone_of(s, before, p, free, &left, &nearest), round;
+  if (now >= 0) {
+    __global const real* in = s->zones + (long)now * ZONE_REALS;
+    round = in[ZONE_ROUND] != R(0.0);
+    if (now != before) write_shape(shape_of_zone(in, p), X, free, rows, region);
+  } else {
+    left = before < 0 ? left_in_region(region, u) : R(0.0);
+    round = region[REGION_ROUND * TLED_LANES] != R(0.0);
+    if (!(left > R(0.0)))
+      round = find_surface(s, u, p, surface, free, rows, region, candidates, candidate_reals, &now,
+                           &left, &nearest);
+  }
+  *zone = now;
+  Point middle = u;
+  if (now >= 0) {
+    __global const real* in = s->zones + (long)now * ZONE_REALS;
+    const real ball = ball_in_zone(in, p, nearest, left);
+    middle = plus_scaled(u, left - ball, point_at(in + ZONE_BORDER + nearest * ZONE_BORDER_REALS));
+    // A little less, for rounding.
+    left = R(0.99999) * ball - FLAT * square_root_of(square);
+  }
+  const real values[4] = {middle.x, middle.y, middle.z, left > R(0.0) ? left : R(0.0)};
+  for (int k = 0; k < 4; ++k) rows[(SLIDE_SEEN + k) * TLED_LANES] = values[k];
+  return round;
 }

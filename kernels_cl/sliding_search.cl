@@ -1,4 +1,4 @@
-// The triangles nearest to a place: one triangle's closest point, and level 3 of sliding.cl, the
+// The triangles nearest to a place: one triangle's closest point, and level 4 of sliding.cl, the
 // search in a uniform grid. Arrays: sliding_layout.cl.
 
 typedef struct { real x, y, z; } Point;
@@ -15,6 +15,8 @@ typedef struct {
   __global const real* grid_reals;
   __global const int* cell_begin;
   __global const int* cell_triangles;
+  __global const real* zones;
+  __global const int* triangle_zones;
 } SlideSurfaces;
 
 INLINE Point point_at(__global const real* p) {
@@ -30,6 +32,24 @@ INLINE Point plus_scaled(Point a, real s, Point b) {
   return c;
 }
 INLINE real inner(Point a, Point b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+
+INLINE Point times(real s, Point a) {
+  Point b = {s * a.x, s * a.y, s * a.z};
+  return b;
+}
+INLINE Point across(Point a, Point b) {
+  Point c = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+  return c;
+}
+INLINE real square_root_of(real x) {
+#if TLED_OPENCL
+  return sqrt(x);
+#else
+  return sizeof(real) == 4 ? __builtin_sqrtf(x) : __builtin_sqrt(x);
+#endif
+}
+
+INLINE Point unit_of(Point a) { return times(R(1.0) / square_root_of(inner(a, a)), a); }
 
 // Closest point of a triangle (Ericson, Real-Time Collision Detection, 2005, 5.1.5).
 INLINE Nearest closest_on_triangle(__global const real* triangle, Point p) {
@@ -66,14 +86,6 @@ INLINE Nearest closest_on_triangle(__global const real* triangle, Point p) {
   const Point off = minus(p, n.at);
   n.square = inner(off, off);
   return n;
-}
-
-INLINE real square_root_of(real x) {
-#if TLED_OPENCL
-  return sqrt(x);
-#else
-  return sizeof(real) == 4 ? __builtin_sqrtf(x) : __builtin_sqrt(x);
-#endif
 }
 
 // A place that is no number is in cell 0: whoever looks at the state says what happened.
@@ -166,7 +178,7 @@ INLINE int cell_is_beyond(__global const real* low, int x, int y, int z, Point p
   return square > limit * limit;
 }
 
-// Level 3: the nearest triangles by their distances, as many as there is room for, and how far they
+// Level 4: the nearest triangles by their distances, as many as there is room for, and how far they
 // hold. Those of the last time, if any, tell how far to look.
 OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
                                  __global int* candidates, __global real* reals) {
@@ -250,7 +262,7 @@ __kernel void grid_nearest(__global const real* restrict places, __global int* r
                            __global const int* restrict cell_triangles, int n, int surface) {
   const int i = (int)get_global_id(0);
   if (i >= n) return;
-  const SlideSurfaces s = {triangles, grids, grid_reals, cell_begin, cell_triangles};
+  const SlideSurfaces s = {triangles, grids, grid_reals, cell_begin, cell_triangles, 0, 0};
   int face;
   squares[i] = nearest_in_grid(&s, surface, point_at(places + 3 * i), &face);
   faces[i] = face;

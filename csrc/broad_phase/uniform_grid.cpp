@@ -173,6 +173,7 @@ SurfaceGrids make_surface_grids(const std::vector<TriangleMesh>& surfaces, const
     // The end of the last cell: surfaces do not share it, cells are read in pairs.
     result.cell_begin.push_back(static_cast<std::int32_t>(result.cell_triangles.size()));
     first_triangle += static_cast<std::int32_t>(faces.size());
+    result.first_triangle.push_back(first_triangle);
   }
   return result;
 }

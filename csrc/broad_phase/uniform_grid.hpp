@@ -11,9 +11,10 @@
 namespace tledface {
 
 struct SurfaceGrids {
-  std::vector<double> triangles;    // TRIANGLE_REALS a triangle
-  std::vector<std::int32_t> grids;  // GRID_INTS a surface
-  std::vector<double> grid_reals;   // GRID_REALS a surface
+  std::vector<double> triangles;                   // TRIANGLE_REALS a triangle
+  std::vector<std::int32_t> first_triangle = {0};  // of each surface, and the end
+  std::vector<std::int32_t> grids;                 // GRID_INTS a surface
+  std::vector<double> grid_reals;                  // GRID_REALS a surface
   std::vector<std::int32_t> cell_begin, cell_triangles;
 };
 

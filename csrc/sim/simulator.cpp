@@ -468,6 +468,7 @@ void Simulator::take_levels(BlockLevels levels) {
   const auto links = links_with_levels(arrays_, levels_);
   blocks_->write(links.data(), links.size() * sizeof(std::int32_t));
   path_->set_levels(levels_);
+  if (sliding_) sliding_->set_has_levels(levels_.n_levels > 1);
 }
 
 std::vector<std::int32_t> Simulator::node_steps() const {

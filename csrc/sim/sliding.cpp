@@ -5,6 +5,7 @@
 #include <string>
 
 #include "broad_phase/sliding_layout.hpp"
+#include "broad_phase/zones.hpp"
 #include "core/error.hpp"
 
 namespace tledface {
@@ -12,8 +13,10 @@ namespace {
 
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
+// First byte of a state: what follows is laid out as by this version of the kernels.
+constexpr std::uint8_t kLayout = 2;
 // Where the kernel takes the index of the step in the table.
-constexpr unsigned kStepIndex = 20, kKeepWays = 21;
+constexpr unsigned kStepIndex = 22, kKeepWays = 23, kHasLevels = 24;
 
 void write_reals(Buffer& buffer, const std::vector<double>& values, Precision precision) {
   if (precision == Precision::kDouble) {
@@ -54,6 +57,36 @@ void check(const SlidingNodes& given, const VoxelModel& model) {
     if (surface < 0 || surface >= static_cast<std::int32_t>(given.surfaces.size()))
       throw InputError("sliding: surface " + std::to_string(surface) + " does not exist");
 }
+
+// The radius in the region of a lane without a node.
+constexpr double kNoNode = 1e30;
+
+// Nothing is known of where nodes slide; lanes without one are never looked at.
+std::vector<double> unknown_rows(const std::vector<double>& regions, std::size_t lanes) {
+  std::vector<double> rows(regions.size() / REGION_ROWS * SLIDE_ROWS, 0.0);
+  for (std::size_t place = 0; place < regions.size() / REGION_ROWS; ++place) {
+    const std::size_t row = place / lanes, lane = place % lanes;
+    if (regions[(row * REGION_ROWS + REGION_RADIUS) * lanes + lane] >= static_cast<float>(kNoNode))
+      rows[(row * SLIDE_ROWS + SLIDE_SLACK) * lanes + lane] = 1e15;  // its square is a float
+  }
+  return rows;
+}
+
+// How far from their surfaces nodes may be in a zone, before and behind: as far as they are to be
+// and somewhat farther, for the way in a step; of far ones zones would be small.
+std::vector<std::array<double, 2>> reach_of(const SlidingNodes& given, const SurfaceGrids& grids) {
+  constexpr double kMore = 1.25, kLeast = 0.05,
+                   kMost = 1.5;  // times; over the edge of a grid's cell
+  std::vector<std::array<double, 2>> reach(given.surfaces.size(), {0.0, 0.0});
+  for (std::size_t i = 0; i < given.nodes.size(); ++i) {
+    const double cell = grids.grid_reals[given.surface[i] * GRID_REALS + 3], d = given.distance[i];
+    double& far = reach[given.surface[i]][d < 0];
+    far = std::max(far, std::min(kMore * std::abs(d) + kLeast * cell, kMost * cell));
+  }
+  return reach;
+}
+
+double rounding_of(Precision precision) { return precision == Precision::kDouble ? 1e-15 : 5e-8; }
 
 }  // namespace
 
@@ -140,15 +173,14 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
                              ? empty
                              : static_cast<std::int32_t>(block_at[row] * 3 * lanes + lane));
       put_int(SLIDE_SURFACE, -1);
-      // Wherever such a lane is, seen from the surface or not, is in its region.
-      put(REGION_RADIUS, 1e30);
-      for (int k = 0; k < REGION_MOST_BORDERS; ++k) put(REGION_BORDERS + 4 * k + 3, 1e30);
+      put_int(SLIDE_ZONE, -1);
+      put(REGION_RADIUS, kNoNode);
       continue;
     }
     const std::size_t i = node_at[place];
     const std::int64_t node = given.nodes[i], slot = arrays.node_slot[node];
     put_int(SLIDE_DOF, static_cast<std::int32_t>(slot / lanes * 3 * lanes + slot % lanes));
-    put_int(SLIDE_SURFACE, given.surface[i]);
+    put_int(SLIDE_ZONE, -1);
     const auto at = model.position(node);
     std::int32_t free = 0;
     for (int a = 0; a < 3; ++a) {
@@ -157,16 +189,16 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       free |= 1 << a;
       if (has_laws_) put_law(SLIDE_MAY + a, 1);
     }
-    put_int(SLIDE_FREE, free);
+    put_int(SLIDE_SURFACE, 8 * given.surface[i] + free);
     // Where rows are no vectors each lane has its own.
     if (free != 7 && motion[given.surface[i]] == 0)
       for (std::size_t l = 0; l < lanes; ++l)
-        ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + l] |= 2;
+        ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + l] |= 1;
     put(REGION_DISTANCE, given.distance[i]);
     if (!given.friction.empty() && has_laws_) put_law(SLIDE_FRICTION, given.friction[i]);
     if (!given.release.empty() && has_laws_) put_law(SLIDE_RELEASE, given.release[i] ? 1 : 0);
   }
-  rows_ = reals(std::vector<double>(n_rows_ * SLIDE_ROWS * lanes, 0.0));
+  rows_ = reals(unknown_rows(regions, lanes));
   regions_ = reals(regions);
   ints_ = integers(ints);
   laws_ = reals(laws);
@@ -174,6 +206,9 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   // A radius of 0: sought at the first step.
   candidate_reals_ = reals(std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
   triangles_ = reals(grids.triangles);
+  const Zones zones = make_zones(grids, reach_of(given, grids), rounding_of(precision));
+  zones_ = reals(zones.reals);
+  triangle_zones_ = integers(zones.of_triangle);
   grids_ = integers(grids.grids);
   grid_reals_ = reals(grids.grid_reals);
   cell_begin_ = integers(grids.cell_begin);
@@ -222,13 +257,21 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buff
             static_cast<const Buffer*>(triangles_.get()), static_cast<const Buffer*>(grids_.get()),
             static_cast<const Buffer*>(grid_reals_.get()),
             static_cast<const Buffer*>(cell_begin_.get()),
-            static_cast<const Buffer*>(cell_triangles_.get()), &blocks, &step_table})
+            static_cast<const Buffer*>(cell_triangles_.get()),
+            static_cast<const Buffer*>(zones_.get()),
+            static_cast<const Buffer*>(triangle_zones_.get()), &blocks, &step_table})
         kernel.set_arg(index++, *buffer);
       for (const auto value :
            {static_cast<std::int32_t>(group.n_items), static_cast<std::int32_t>(group.first_row),
             std::int32_t(has_laws_), group.pose_column, step_reals})
         kernel.set_arg(index++, value);
     }
+  set_has_levels(false);
+}
+
+void Sliding::set_has_levels(bool has_levels) {
+  for (Group& group : groups_)
+    for (auto& kernel : group.kernel) kernel->set_arg(kHasLevels, std::int32_t(has_levels));
 }
 
 void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
@@ -245,7 +288,7 @@ std::array<Buffer*, 5> Sliding::known() const {
 
 std::vector<std::uint8_t> Sliding::state() const {
   device_.finish();
-  std::vector<std::uint8_t> bytes;
+  std::vector<std::uint8_t> bytes{kLayout};
   for (const Buffer* buffer : known()) {
     const std::size_t at = bytes.size();
     bytes.resize(at + buffer->bytes());
@@ -255,15 +298,15 @@ std::vector<std::uint8_t> Sliding::state() const {
 }
 
 void Sliding::set_state(const std::vector<std::uint8_t>& state) {
-  std::size_t needed = 0;
+  std::size_t needed = 1;
   for (const Buffer* buffer : known()) needed += buffer->bytes();
-  if (state.size() != needed)
+  if (state.size() != needed || state.front() != kLayout)
     throw InputError("state: it holds " + std::to_string(state.size()) +
                      " bytes of sliding nodes, this model on this device in this precision has " +
                      std::to_string(needed) +
                      "; restore with the model, precision and device it was saved with");
   device_.finish();
-  const std::uint8_t* at = state.data();
+  const std::uint8_t* at = state.data() + 1;
   for (Buffer* buffer : known()) {
     buffer->write(at, buffer->bytes());
     at += buffer->bytes();
@@ -278,12 +321,20 @@ void Sliding::forget() {
       const auto at = [&](int k) -> double& {
         return regions[(row * REGION_ROWS + k) * lanes + lane];
       };
-      if (at(REGION_RADIUS) >= 1e30f) continue;  // no node
+      if (at(REGION_RADIUS) >= static_cast<float>(kNoNode)) continue;
       for (int k = REGION_ALONG; k < REGION_DISTANCE; ++k) at(k) = 0;
       for (int k = REGION_ROUND; k < REGION_ROWS; ++k) at(k) = 0;
     }
   write_reals(*regions_, regions, precision_);
-  write_reals(*rows_, std::vector<double>(n_rows_ * SLIDE_ROWS * lanes, 0.0), precision_);
+  write_reals(*rows_, unknown_rows(regions, lanes), precision_);
+  std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes);
+  ints_->read(ints.data(), ints.size() * sizeof(std::int32_t));
+  for (std::size_t row = 0; row < n_rows_; ++row)
+    for (std::size_t lane = 0; lane < lanes; ++lane) {
+      ints[(row * SLIDE_INTS + SLIDE_ZONE) * lanes + lane] = -1;
+      ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + lane] &= 1;
+    }
+  ints_->write(ints.data(), ints.size() * sizeof(std::int32_t));
   // A radius of 0: sought at the next step.
   write_reals(*candidate_reals_, std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0),
               precision_);

@@ -43,6 +43,8 @@ class Sliding {
   // Puts the nodes of a displacement back to their distances.
   void bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buffer& step_table,
             std::int32_t step_reals);
+  // Whether `blocks` has nodes above level 0 (subcycling).
+  void set_has_levels(bool has_levels);
   // keep_normals: for normals().
   void enqueue(int next, std::int32_t step_index, bool keep_normals);
   // Regions and candidates, as they lie on this device; see RawState.
@@ -78,7 +80,7 @@ class Sliding {
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
   std::vector<Group> groups_;
   std::unique_ptr<Buffer> rows_, regions_, ints_, laws_, candidates_, candidate_reals_, triangles_,
-      grids_, grid_reals_, cell_begin_, cell_triangles_;
+      grids_, grid_reals_, cell_begin_, cell_triangles_, zones_, triangle_zones_;
 };
 
 // Squared distance and nearest triangle of points (3 each) as the device's grid search finds them.

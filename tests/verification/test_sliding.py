@@ -29,10 +29,25 @@ def box():
     return trimesh.creation.box((27.6e-3, 5.6e-3, 20e-3)).apply_translation((0, 0, -10e-3))
 
 
+def rough(inverted=False):
+    """Ridges, valleys and saddles of a few degrees at every edge."""
+    line = np.linspace(-20e-3, 20e-3, 41)
+    x, y = np.meshgrid(line, line)
+    z = 0.03e-3 * np.random.default_rng(5).standard_normal(x.shape)
+    i = np.arange(41 * 41).reshape(41, 41)
+    a, b, c, d = (k.ravel() for k in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    if inverted:
+        faces = faces[:, ::-1]
+    return trimesh.Trimesh(np.stack([x.ravel(), y.ravel(), z.ravel()], 1), faces, process=False)
+
+
 SURFACES = {
     "sphere": (trimesh.creation.icosphere(subdivisions=4, radius=20e-3), 20e-3),
     "inside a sphere": (trimesh.creation.icosphere(subdivisions=4, radius=20e-3), -19.7e-3),
     "saddle": (saddle(), 0.4e-3),
+    "rough": (rough(), 0.3e-3),
+    "behind a rough one": (rough(inverted=True), 0.3e-3),
     "box": (box(), 0.3e-3),
     "on the box": (box(), 0.0),
 }

@@ -1,0 +1,414 @@
+#include "broad_phase/zones.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "broad_phase/sliding_layout.hpp"
+#include "core/threads.hpp"
+#include "mesh/vec3.hpp"
+
+namespace tledface {
+namespace {
+
+// Faces at a smaller angle than this, rad, are one plane.
+constexpr double kFlat = 1e-7;
+// Of an edge sharper than this cosine of half the angle between its normals there is no zone.
+constexpr double kSharp = 0.2;
+// Part of the surface's longest side here within which an edge is too near for a direction from it.
+constexpr double kTooNear = 1e-5;
+constexpr double kLittle = 0.05;  // over how far nodes may be
+// Directions in which planes are tilted, and the angle between them, rad.
+constexpr int kTurns = 12;
+constexpr double kTurn = 0.2;
+constexpr double kFar = 1e30;
+// Numbers below it are floats.
+constexpr std::int32_t kMostNumber = 1 << 24;
+
+struct Triangle {
+  Vec3 corner[3], normal, middle;
+  double radius;
+};
+
+Triangle triangle_at(const double* reals) {
+  const auto vec = [&](int k) { return Vec3{reals[k], reals[k + 1], reals[k + 2]}; };
+  return {
+      {vec(0), vec(3), vec(6)}, vec(TRIANGLE_NORMAL), vec(TRIANGLE_BALL), reals[TRIANGLE_BALL + 3]};
+}
+
+Vec3 closest_on_side(const Vec3& p, const Vec3& a, const Vec3& b) {
+  const Vec3 along = b - a;
+  return a + std::clamp(dot(p - a, along) / norm2(along), 0.0, 1.0) * along;
+}
+
+Vec3 closest(const Vec3& p, const Triangle& t) {
+  const Vec3 foot = p - dot(t.normal, p - t.corner[0]) * t.normal;
+  Vec3 best = foot;
+  double least = kFar;
+  for (int k = 0; k < 3; ++k) {
+    const Vec3 &a = t.corner[k], &b = t.corner[(k + 1) % 3], &c = t.corner[(k + 2) % 3];
+    const Vec3 across = cross(t.normal, b - a);
+    if (dot(across, foot - a) * dot(across, c - a) >= 0) continue;
+    const Vec3 q = closest_on_side(p, a, b);
+    if (norm2(p - q) < least) {
+      least = norm2(p - q);
+      best = q;
+    }
+  }
+  return best;
+}
+
+struct Border {
+  Vec3 outward;
+  double limit = kFar;
+  std::int32_t behind = -1;  // the zone or, until they are numbered, the triangle there
+};
+
+// A zone in the making: what its own borders leave, and a linear bound of the distance from its
+// part, rise . (x - on), which is none less than that.
+struct Space {
+  Vec3 on, rise;
+  double little;  // to be cut off, m: no plane is sought further
+  std::vector<Vec3> vertices, samples;
+  std::vector<Border> borders;
+};
+
+// What keeps `other` farther than a zone's own part: nothing, or a border. A plane that has the
+// other behind it tells how far that is at least, so planes are tried until one leaves the zone
+// whole, else the one that cuts off least of it is taken: the other's own, those that tilt as
+// little as they may about its nearest corner, in several directions, and those across ways to it.
+void keep_off(Space& space, const Triangle& other, std::int32_t number, double rounding) {
+  const Vec3 amid = space.samples.front(), up = unit(space.rise);
+  Vec3 best;
+  double depth = -kFar, lift = 0;
+  const auto try_plane = [&](const Vec3& n, const Vec3& q) {
+    double least = kFar;
+    for (const Vec3& v : space.vertices)
+      least = std::min(least, dot(n, v - q) - dot(space.rise, v - space.on));
+    if (least >= -rounding) return true;
+    const double turn = norm(n - space.rise);
+    if (turn > kFlat && least / turn > depth) {
+      depth = least / turn;
+      best = n;
+      lift = dot(n, q);
+    }
+    return false;
+  };
+  const double side = dot(other.normal, amid - other.corner[0]) < 0 ? -1.0 : 1.0;
+  if (try_plane(side * other.normal, other.corner[0])) return;
+  const Vec3 pivot = *std::min_element(
+      other.corner, other.corner + 3,
+      [&](const Vec3& a, const Vec3& b) { return norm2(a - amid) < norm2(b - amid); });
+  const Vec3 away = unit(amid - pivot - dot(amid - pivot, up) * up), across = cross(up, away);
+  for (int turn = 0; turn < kTurns; ++turn) {
+    const double angle = (turn % 2 ? -kTurn : kTurn) * ((turn + 1) / 2);
+    const Vec3 e = std::cos(angle) * away + std::sin(angle) * across;
+    double tilt = 0;
+    bool can = true;
+    for (const Vec3& y : other.corner) {
+      const double height = dot(up, y - pivot), off = -dot(e, y - pivot);
+      if (height > 0) can = can && off > 0;
+      if (height > 0 && off > 0) tilt = std::max(tilt, height / off);
+    }
+    const Vec3 n = unit(up + tilt * e);
+    if (!can || tilt == 0) continue;
+    for (const Vec3& y : other.corner) can = can && dot(n, y - pivot) <= 0.1 * rounding;
+    if (can && try_plane(n, pivot)) return;
+  }
+  for (const Vec3& p : space.samples) {
+    if (depth > -space.little) break;
+    const Vec3 q = closest(p, other), way = p - q;
+    if (norm(way) > rounding && try_plane(unit(way), q)) return;
+  }
+  if (!(depth > -kFar)) {  // nearer everywhere
+    space.borders.push_back({space.rise, -kFar, -1});
+    return;
+  }
+  const Vec3 out = space.rise - best;
+  const double length = norm(out);
+  space.borders.push_back(
+      {(1 / length) * out, (dot(space.rise, space.on) - lift) / length, number});
+}
+
+bool is_behind(const Triangle& other, const Vec3& up, const Vec3& on, double rounding) {
+  for (const Vec3& v : other.corner)
+    if (dot(up, v - on) > rounding) return false;
+  return true;
+}
+
+// The side that two triangles share: its number in the first, -1: none.
+int shared_side(const Triangle& a, const Triangle& b) {
+  bool has[3];
+  for (int k = 0; k < 3; ++k)
+    has[k] = a.corner[k] == b.corner[0] || a.corner[k] == b.corner[1] || a.corner[k] == b.corner[2];
+  for (int k = 0; k < 3; ++k)
+    if (has[k] && has[(k + 1) % 3] && !has[(k + 2) % 3]) return k;
+  return -1;
+}
+
+// In the plane of t, from side k to the third corner.
+Vec3 inwards(const Triangle& t, int k) {
+  const Vec3 in = unit(cross(t.normal, t.corner[(k + 1) % 3] - t.corner[k]));
+  return dot(in, t.corner[(k + 2) % 3] - t.corner[k]) < 0 ? -1.0 * in : in;
+}
+
+struct Edge {
+  std::int32_t triangle, other;
+  int side, other_side;
+};
+
+// The triangles of one surface, seen from one side.
+class SideZones {
+ public:
+  SideZones(const SurfaceGrids& surfaces, std::size_t surface, bool behind, double reach,
+            double rounding, Zones& zones)
+      : surfaces_(surfaces),
+        grid_(surfaces.grids.data() + surface * GRID_INTS),
+        low_(surfaces.grid_reals.data() + surface * GRID_REALS),
+        first_(surfaces.first_triangle[surface]),
+        n_(surfaces.first_triangle[surface + 1] - first_),
+        behind_(behind),
+        sign_(behind ? -1.0 : 1.0),
+        reach_(reach),
+        zones_(zones) {
+    double extent = 0;
+    for (std::int32_t t = 0; t < n_; ++t) {
+      triangles_.push_back(
+          triangle_at(surfaces.triangles.data() + std::size_t(first_ + t) * TRIANGLE_REALS));
+      extent = std::max(extent, norm(triangles_.back().middle));
+    }
+    rounding_ = rounding * (extent + reach);
+  }
+
+  void make() {
+    base_ = static_cast<std::int32_t>(zones_.reals.size() / ZONE_REALS);
+    neighbour_.assign(3 * std::size_t(n_), -1);
+    std::vector<Space> faces(n_);
+    parallel_for_chunks(n_, 64, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t t = begin; t < end; ++t) faces[t] = face(static_cast<std::int32_t>(t));
+    });
+    std::vector<Edge> edges;
+    std::vector<std::int32_t> zone_of_side(3 * std::size_t(n_), -1);
+    for (std::int32_t t = 0; t < n_; ++t)
+      for (int k = 0; k < 3; ++k) {
+        const std::int32_t other = neighbour_[3 * t + k];
+        if (other < t || !is_convex(t, k)) continue;
+        const int back = shared_side(triangles_[other], triangles_[t]);
+        if (neighbour_[3 * other + back] != t) continue;
+        zone_of_side[3 * t + k] = zone_of_side[3 * other + back] =
+            base_ + n_ + static_cast<std::int32_t>(edges.size());
+        edges.push_back({t, other, k, back});
+      }
+    const std::size_t count = n_ + edges.size();
+    zones_.reals.resize((base_ + count) * ZONE_REALS, 0.0);
+    parallel_for_chunks(count, 64, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t z = begin; z < end; ++z) {
+        Space space = z < std::size_t(n_) ? std::move(faces[z]) : edge(edges[z - n_]);
+        double* reals = &zones_.reals[(base_ + z) * ZONE_REALS];
+        const auto put = [&](int at, const Vec3& v) {
+          for (int a = 0; a < 3; ++a) reals[at + a] = v[a];
+        };
+        // Where there is no room for what bounds it, nothing is in it.
+        if (space.borders.size() > ZONE_MOST_BORDERS) space.borders = {{space.rise, -kFar, -1}};
+        reals[ZONE_COUNT] = static_cast<double>(space.borders.size());
+        for (std::size_t k = 0; k < space.borders.size(); ++k) {
+          const Border& border = space.borders[k];
+          const int at = ZONE_BORDER + static_cast<int>(k) * ZONE_BORDER_REALS;
+          put(at, border.outward);
+          reals[at + 3] = border.limit;
+          std::int32_t behind = border.behind < 0 ? -1 : base_ + border.behind;
+          if (z < std::size_t(n_) && k < 3 && zone_of_side[3 * z + k] >= 0)
+            behind = zone_of_side[3 * z + k];
+          reals[at + 4] = behind < kMostNumber ? behind : -1;
+        }
+        if (z < std::size_t(n_)) {
+          put(ZONE_ON, triangles_[z].corner[0]);
+          put(ZONE_DIRECTION, triangles_[z].normal);
+          continue;
+        }
+        const Edge& e = edges[z - n_];
+        Vec3 from = triangles_[e.triangle].corner[e.side],
+             to = triangles_[e.triangle].corner[(e.side + 1) % 3];
+        if (to < from) std::swap(from, to);
+        reals[ZONE_ROUND] = behind_ ? -1 : 1;
+        put(ZONE_ON, from);
+        put(ZONE_DIRECTION, unit(to - from));
+      }
+    });
+    for (std::int32_t t = 0; t < n_; ++t) {
+      std::int32_t* of = &zones_.of_triangle[std::size_t(first_ + t) * TRIANGLE_ZONES +
+                                             (behind_ ? TRIANGLE_ZONES / 2 : 0)];
+      of[0] = base_ + t;
+      for (int k = 0; k < 3; ++k) of[1 + k] = zone_of_side[3 * t + k];
+    }
+  }
+
+ private:
+  Vec3 up(std::int32_t t) const { return sign_ * triangles_[t].normal; }
+
+  // How steeply the triangle behind a side rises over this one's plane, as a sine; 0: there is
+  // none.
+  double rise_behind(std::int32_t t, int k) const {
+    const std::int32_t other = neighbour_[3 * t + k];
+    if (other < 0) return 0;
+    const int back = shared_side(triangles_[other], triangles_[t]);
+    return dot(up(t), inwards(triangles_[other], back));
+  }
+  bool is_convex(std::int32_t t, int k) const { return rise_behind(t, k) < 0; }
+
+  std::vector<std::int32_t> near(const Vec3& low, const Vec3& high, double within) const {
+    std::int64_t from[3], to[3];
+    for (int a = 0; a < 3; ++a) {
+      const auto index = [&](double x) {
+        return std::clamp<std::int64_t>(
+            static_cast<std::int64_t>(std::floor((x - low_[a]) / low_[3])), 0, grid_[a] - 1);
+      };
+      from[a] = index(low[a] - within);
+      to[a] = index(high[a] + within);
+    }
+    std::vector<std::int32_t> found;
+    for (std::int64_t z = from[2]; z <= to[2]; ++z)
+      for (std::int64_t y = from[1]; y <= to[1]; ++y)
+        for (std::int64_t x = from[0]; x <= to[0]; ++x) {
+          const std::size_t cell = grid_[3] + (z * grid_[1] + y) * grid_[0] + x;
+          for (std::int32_t i = surfaces_.cell_begin[cell]; i < surfaces_.cell_begin[cell + 1]; ++i)
+            found.push_back(surfaces_.cell_triangles[i] - first_);
+        }
+    std::sort(found.begin(), found.end());
+    found.erase(std::unique(found.begin(), found.end()), found.end());
+    const Vec3 middle = 0.5 * (low + high);
+    const double half = 0.5 * norm(high - low) + within;
+    found.erase(std::remove_if(found.begin(), found.end(),
+                               [&](std::int32_t t) {
+                                 return norm(triangles_[t].middle - middle) >
+                                        half + triangles_[t].radius;
+                               }),
+                found.end());
+    return found;
+  }
+
+  // The prism over a face, less what is nearer to others. Where the next face rises, the plane
+  // between the two bounds it.
+  Space face(std::int32_t number) {
+    const Triangle& t = triangles_[number];
+    const Vec3 rise = up(number);
+    Space space;
+    space.on = t.corner[0];
+    space.rise = rise;
+    space.little = kLittle * reach_;
+    const auto others = near(min(min(t.corner[0], t.corner[1]), t.corner[2]),
+                             max(max(t.corner[0], t.corner[1]), t.corner[2]), 2 * reach_);
+    int count[3] = {0, 0, 0};
+    std::int32_t* neighbour = &neighbour_[3 * std::size_t(number)];
+    for (const std::int32_t other : others) {
+      const int k = other == number ? -1 : shared_side(t, triangles_[other]);
+      if (k >= 0) neighbour[k] = ++count[k] == 1 ? other : -1;
+    }
+    Vec3 in[3];
+    double inset[3];  // of the side's border at the height `reach`
+    for (int k = 0; k < 3; ++k) {
+      in[k] = inwards(t, k);
+      inset[k] = 0;
+      Border border{-1.0 * in[k], -dot(in[k], t.corner[k]), neighbour[k]};
+      const double sine = rise_behind(number, k);
+      if (sine > kFlat) {
+        const Vec3 facing = up(neighbour[k]);
+        const Vec3 out = unit(rise - facing);
+        inset[k] = reach_ * sine / (1 + dot(rise, facing));
+        border.outward = out;
+        border.limit = dot(out, t.corner[k]);
+      }
+      space.borders.push_back(border);
+    }
+    space.borders.push_back({rise, dot(rise, space.on) + reach_, -1});
+    space.borders.push_back({-1.0 * rise, reach_ - dot(rise, space.on), -1});
+    const Vec3 middle = t.middle + reach_ * rise;
+    space.samples.push_back(middle);
+    for (int k = 0; k < 3; ++k) {
+      const int before = (k + 2) % 3;
+      const double g = dot(in[before], in[k]), whole = 1 - g * g;
+      if (whole < 1e-6) return nothing();
+      const Vec3 top = t.corner[k] + reach_ * rise +
+                       ((inset[before] - g * inset[k]) / whole) * in[before] +
+                       ((inset[k] - g * inset[before]) / whole) * in[k];
+      space.vertices.push_back(t.corner[k]);
+      space.vertices.push_back(top);
+      space.samples.push_back(top);
+    }
+    space.samples.push_back(t.middle);
+    for (const Vec3& v : t.corner) space.samples.push_back(v);
+    for (const std::int32_t other : others) {
+      if (other == number || other == neighbour[0] || other == neighbour[1] ||
+          other == neighbour[2] || is_behind(triangles_[other], rise, space.on, rounding_))
+        continue;
+      keep_off(space, triangles_[other], other, rounding_);
+    }
+    return space;
+  }
+
+  // The wedge over an edge between its faces' prisms.
+  Space edge(const Edge& e) const {
+    const Triangle &t0 = triangles_[e.triangle], &t1 = triangles_[e.other];
+    const Vec3 &a = t0.corner[e.side], &b = t0.corner[(e.side + 1) % 3];
+    const Vec3 up0 = up(e.triangle), up1 = up(e.other), middle = unit(up0 + up1),
+               along = unit(b - a), in0 = inwards(t0, e.side), in1 = inwards(t1, e.other_side);
+    const double cosine = dot(middle, up0);
+    if (cosine < kSharp) return nothing();
+    Space space;
+    space.on = a;
+    space.rise = (1 / cosine) * middle;
+    space.little = kLittle * reach_;
+    space.borders = {
+        {in0, dot(in0, a), e.triangle},
+        {in1, dot(in1, a), e.other},
+        {-1.0 * along, -dot(along, a), -1},
+        {along, dot(along, b), -1},
+        {middle, dot(middle, a) + reach_, -1},
+        {-1.0 * middle, -dot(middle, a) - kTooNear * std::max(t0.radius, t1.radius), -1}};
+    space.samples = {0.5 * (a + b) + reach_ * middle};
+    for (const Vec3& end : {a, b}) {
+      space.vertices.push_back(end);
+      for (const Vec3& n : {up0, up1}) {
+        space.vertices.push_back(end + (reach_ / cosine) * n);
+        space.samples.push_back(space.vertices.back());
+      }
+    }
+    for (const std::int32_t other : near(min(a, b), max(a, b), 2 * reach_ / cosine)) {
+      if (other == e.triangle || other == e.other) continue;
+      const Triangle& t = triangles_[other];
+      if (is_behind(t, up0, a, rounding_) && is_behind(t, up1, a, rounding_)) continue;
+      keep_off(space, t, other, rounding_);
+    }
+    return space;
+  }
+
+  static Space nothing() {
+    Space space;
+    space.borders.resize(ZONE_MOST_BORDERS + 1);
+    return space;
+  }
+
+  const SurfaceGrids& surfaces_;
+  const std::int32_t* grid_;
+  const double* low_;
+  std::int32_t first_, n_, base_ = 0;
+  bool behind_;
+  double sign_, reach_, rounding_ = 0;
+  Zones& zones_;
+  std::vector<Triangle> triangles_;
+  std::vector<std::int32_t> neighbour_;  // behind each side; -1: none or several
+};
+
+}  // namespace
+
+Zones make_zones(const SurfaceGrids& surfaces, const std::vector<std::array<double, 2>>& reach,
+                 double rounding) {
+  Zones zones;
+  zones.of_triangle.assign(surfaces.triangles.size() / TRIANGLE_REALS * TRIANGLE_ZONES, -1);
+  for (std::size_t surface = 0; surface < reach.size(); ++surface)
+    for (const bool behind : {false, true})
+      if (reach[surface][behind] > 0)
+        SideZones(surfaces, surface, behind, reach[surface][behind], rounding, zones).make();
+  return zones;
+}
+
+}  // namespace tledface

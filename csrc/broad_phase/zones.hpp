@@ -1,0 +1,23 @@
+// The places of which a face or an edge of a surface is known to be the nearest part, as the
+// sliding kernels read them (kernels_cl/sliding_zone.cl). A node that stays in its zone needs no
+// search, and one that leaves it through a border mostly enters the zone behind.
+#pragma once
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "broad_phase/uniform_grid.hpp"
+
+namespace tledface {
+
+struct Zones {
+  std::vector<double> reals;              // ZONE_REALS a zone
+  std::vector<std::int32_t> of_triangle;  // TRIANGLE_ZONES a triangle; -1: none
+};
+
+// reach: of each surface how far before and behind it nodes are, m; 0: none. rounding: share of a
+// coordinate that is nothing. Zones are convex and do not overlap, but they need not fill space.
+Zones make_zones(const SurfaceGrids& surfaces, const std::vector<std::array<double, 2>>& reach,
+                 double rounding);
+
+}  // namespace tledface

@@ -1,0 +1,93 @@
+// Level 2 of sliding.cl, zones: the places of which a face or an edge is known to be the nearest part of
+// a surface, convex and the same for all nodes (csrc/broad_phase/zones). A node in one needs no search;
+// one that leaves it mostly enters the zone behind the border that it crossed. A node that passes
+// through the surface within a step is put back to its side, so zones are one side's.
+
+// Zones that are tried one behind the other before a search.
+#define MOST_HOPS 4
+
+// Distance from a place to the nearest border of a zone, and its number; not above 0 outside.
+INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
+  real left = R(1e30);
+  const int count = (int)zone[ZONE_COUNT];
+  for (int k = 0; k < count; ++k) {
+    __global const real* border = zone + ZONE_BORDER + k * ZONE_BORDER_REALS;
+    const real to = border[3] - inner(point_at(border), p);
+    if (to < left) {
+      left = to;
+      *nearest = k;
+    }
+  }
+  return left;
+}
+
+// The zone of a place from the one it was in on, how far that holds and the nearest border; -1: to be
+// sought.
+INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* left, int* nearest) {
+  for (int hop = 0; hop <= MOST_HOPS && zone >= 0; ++hop) {
+    __global const real* in = s->zones + (long)zone * ZONE_REALS;
+    *nearest = 0;
+    *left = left_in_zone(in, p, nearest);
+    // Held components: on an edge the plane is one for this step alone.
+    if (*left > R(0.0)) return free == 7 || in[ZONE_ROUND] == R(0.0) ? zone : -1;
+    zone = (int)in[ZONE_BORDER + *nearest * ZONE_BORDER_REALS + 4];
+  }
+  return -1;
+}
+
+// How far a ball in a zone reaches from its middle, which is where a place `left` from the nearest border
+// goes if it is moved straight off that: the largest that touches the border there. A node that moves along
+// a border stays in it longer than in the ball about itself.
+INLINE real ball_in_zone(__global const real* zone, Point p, int nearest, real left) {
+  const Point outward = point_at(zone + ZONE_BORDER + nearest * ZONE_BORDER_REALS);
+  real most = R(1e3);
+  const int count = (int)zone[ZONE_COUNT];
+  for (int k = 0; k < count; ++k) {
+    __global const real* border = zone + ZONE_BORDER + k * ZONE_BORDER_REALS;
+    const real to = border[3] - inner(point_at(border), p);
+    // The border nears by `nears` of the way while the ball grows by the way.
+    const real nears = R(1.0) - inner(point_at(border), outward);
+    if (to - left < most * nears) most = (to - left) / nears;
+  }
+  return most > R(0.0) ? left + most : left;
+}
+
+// What a node slides on: a plane, or round an edge or corner. n: the plane's normal, before or behind
+// it as the distance to keep, or the edge's direction; on: a point of it.
+typedef struct {
+  Point n, on, normal;
+  real round;
+} SlideShape;
+
+INLINE void write_shape(SlideShape shape, Point X, int free, __global real* rows,
+                        __global real* region_rows) {
+  const real keep = region_rows[REGION_DISTANCE * TLED_LANES];
+  const Point to = minus(shape.on, X), n = shape.normal;
+  // The way back in the components that may move.
+  Point along = {free & 1 ? n.x : R(0.0), free & 2 ? n.y : R(0.0), free & 4 ? n.z : R(0.0)};
+  const real share = inner(along, n);
+  along = times(free == 7 ? R(1.0) : share > R(0.01) ? R(1.0) / share : R(0.0), along);
+  const real values[4] = {shape.n.x, shape.n.y, shape.n.z,
+                          shape.round != R(0.0) ? keep : keep + inner(n, to)};
+  for (int k = 0; k < 4; ++k) rows[(SLIDE_NORMAL + k) * TLED_LANES] = values[k];
+  region_rows[REGION_ALONG * TLED_LANES] = along.x;
+  region_rows[(REGION_ALONG + 1) * TLED_LANES] = along.y;
+  region_rows[(REGION_ALONG + 2) * TLED_LANES] = along.z;
+  region_rows[REGION_ROUND * TLED_LANES] = shape.round;
+  region_rows[REGION_ON * TLED_LANES] = to.x;
+  region_rows[(REGION_ON + 1) * TLED_LANES] = to.y;
+  region_rows[(REGION_ON + 2) * TLED_LANES] = to.z;
+}
+
+// The surface of a zone for a node at p.
+INLINE SlideShape shape_of_zone(__global const real* zone, Point p) {
+  SlideShape shape;
+  shape.round = zone[ZONE_ROUND];
+  shape.on = point_at(zone + ZONE_ON);
+  shape.n = shape.normal = point_at(zone + ZONE_DIRECTION);
+  if (shape.round != R(0.0)) {
+    const Point off = minus(p, shape.on);
+    shape.normal = times(shape.round, unit_of(plus_scaled(off, -inner(off, shape.n), shape.n)));
+  }
+  return shape;
+}
