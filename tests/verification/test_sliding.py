@@ -256,7 +256,7 @@ def test_a_state_that_runs_away_is_reported_at_once():
 def test_what_is_known_of_surfaces_goes_along_with_a_state():
     """A restart repeats the bits of a face on its way, a state given anew those of a new simulator.
 
-    Where regions meet, single precision has cases in which searching again changes a last digit.
+    Where regions of single nodes meet, searching again may change a last digit in single precision.
     """
     body = _core.Workload("face", 29_500)
 
@@ -271,7 +271,8 @@ def test_what_is_known_of_surfaces_goes_along_with_a_state():
         advance(sim, 100)
     u = first.displacement()
     assert np.array_equal(u, second.displacement())
-    assert not np.array_equal(u, blind.displacement())  # there were such cases
+    known = [sim.raw_state()["sliding"] for sim in (first, second, blind)]
+    assert np.array_equal(known[0], known[1]) and not np.array_equal(known[0], known[2])
     assert np.abs(u - blind.displacement()).max() < 1e-7
     velocity = np.zeros((body.n_nodes, 3))
     velocity[:, 1] = body.speed / first.dt
