@@ -340,7 +340,7 @@ def test_a_body_at_rest_trembles_with_the_impulses_and_no_more(figure, substeps)
     for _ in range(2):
         assert sim.relax(1e-8).converged
         rest = sim.u
-        sim.step(6400 // substeps)
+        sim.step(3200 // substeps)
         off = abs(sim.u - rest).max() / abs(rest).max()
         figure("tremor over the displacement", off, at_most=5e-5 * substeps**2)
 
