@@ -32,8 +32,8 @@ def test_a_run_has_the_frames_of_one_without(tmp_path):
     assert own.frames == alike.frames == 5
     assert own.steps == pytest.approx(alike.steps / 4, abs=1.5)
     assert own.max_displacement == pytest.approx(alike.max_displacement, rel=0.02)
-    facts = json.loads(next((tmp_path / "with" / "run").glob("run.json")).read_text())
-    assert facts["substeps"] == 4
+    facts = json.loads((tmp_path / "with" / "run" / "run.json").read_text())
+    assert facts["result"]["substeps"] == 4
     assert "(4 short ones each; bound at rest" in own.text()
     assert "short ones" not in alike.text()
 
