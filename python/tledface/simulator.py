@@ -27,7 +27,7 @@ from tledface.energy import EnergyLedger, energy_interval, ledger_of
 from tledface.errors import InputError, SimulationError
 from tledface.relaxation import Equilibrium, relax
 from tledface.schedule import Constant, Schedule, as_schedule
-from tledface.subcycling import checked_subcycling
+from tledface.subcycling import SUBSTEPS, checked_subcycling
 from tledface.time_step import (
     RELIEFS,
     AddedMass,
@@ -209,10 +209,10 @@ class Simulator(Results):
                 if self._until_entry == 0:
                     self._enter_energies(self._ledger)
                 batch = min(batch, self._until_entry)
-            activations = self._activations_after(np.arange(batch))
-            allowed = watch.admitted(activations)
+            activations = self._sampled(np.arange(batch * self.substeps))
+            allowed = watch.admitted(activations[:: self.substeps])
             if allowed > 0:
-                self._step(allowed)
+                self._step(activations[: allowed * self.substeps])
                 left -= allowed
                 self._until_entry -= allowed
                 watch.until_check -= allowed
@@ -434,9 +434,9 @@ class Simulator(Results):
 
     # -- inside ----------------------------------------------------------------------------------
 
-    def _step(self, steps: int) -> None:
-        n = steps * self.substeps
-        activations = self._sampled(np.arange(n))
+    def _step(self, activations: NDArray[np.float64]) -> None:
+        """Take as many shortest steps as there are rows of activations."""
+        n = len(activations)
         channels, keys = np.empty((n, 0)), np.empty(0)
         sampler = self._conditions
         if not sampler.is_empty:
@@ -463,8 +463,10 @@ class Simulator(Results):
         nodes, ways = np.empty(0, dtype=np.int64), np.empty((0, 3))
         node_steps = np.asarray(core.node_steps())
         # Each node's own step ends at its own time.
-        for steps in np.unique(node_steps).tolist():
+        for steps in (n for n in SUBSTEPS if n <= self.substeps):
             of_step = node_steps == steps
+            if not of_step.any():
+                continue
             after = np.zeros_like(next_u)
             sampler.put_prescribed(after, core, steps)
             next_u[of_step] = after[of_step]
