@@ -92,7 +92,7 @@
 
 // Rows of blocks that a band walks (rows.cl).
 // bands[2 i]: first row of band i, bands[2 i + 1]: its end. rows[4 i]: first block, number of
-// blocks, flags, unused.
+// blocks, flags, first row of sliding nodes that are its own (-1: none).
 #define ROW_SEED 1         // forces only into scratch; nodes belong to the band below
 #define ROW_CHUNK_BEGIN 2  // a new chunk in x: scratch starts from zero
 #define ROW_GRAVITY 4      // set by the kernel: there is gravity

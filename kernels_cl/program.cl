@@ -19,6 +19,8 @@
 #include "hourglass.cl"
 #include "element.cl"
 #include "node.cl"
+#include "sliding_layout.cl"
+#include "sliding_plane.cl"
 #if TLED_VECTOR_ROWS
 #include "row_element.cl"
 #include "rows.cl"
@@ -32,7 +34,6 @@
 #include "state.cl"
 #endif
 #include "conditions.cl"
-#include "sliding_layout.cl"
 #include "sliding_search.cl"
 #include "sliding_zone.cl"
 #include "sliding_region.cl"

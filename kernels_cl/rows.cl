@@ -120,8 +120,9 @@ INLINE RowNodes row_nodes(ElementTables t, __global const real* u, __global real
 INLINE void process_rows(ElementTables t, __global const real* u, __global real* out,
                          __global const int* bands, __global const int* rows,
                          __global const real* node_sets, __global real* all_scratch,
-                         __global real* edge, int n_planes, const int physical,
-                         const int cube, const int forces_only, const int has_levels) {
+                         __global real* edge, int n_planes, const SlidingRows* sliding,
+                         const int physical, const int cube, const int forces_only,
+                         const int has_levels) {
   __global const int* blocks = t.blocks;
   const int band = (int)get_global_id(0);
   __global real* scratch = all_scratch + (long)band * n_planes * (SCRATCH_ROWS * TLED_LANES);
@@ -165,15 +166,15 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
         low_is_valid = 0;
       }
     }
+    if (sliding && rows[4 * row + 3] >= 0) put_rows_back(sliding, rows[4 * row + 3], end, out);
   }
 }
 
 // One explicit step. u: displacement now; u_prev: the one before, replaced by the next.
 // step_table: row `step_index` of `step_reals` reals. has_levels: 0 where all are on level 0, which
 // saves 7 % of the instructions. Work-item: a band.
-#define TLED_ROWS_KERNEL(name, physical, cube, forces_only, has_levels)                            \
-  __kernel void name(                                                                              \
-      __global const real* restrict u, __global real* restrict u_prev,                             \
+#define TLED_ROWS_ARGUMENTS                                                                        \
+  __global const real* restrict u, __global real* restrict u_prev,                                 \
       __global const int* restrict bands, __global const int* restrict rows,                       \
       __global const int* restrict blocks, __global const real* restrict materials,                \
       __global const real* restrict node_sets, __global const int* restrict law_entries,           \
@@ -182,14 +183,30 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
       __global const real* restrict muscle_sets, __global const real* restrict muscle_constants,   \
       __global const real* restrict shape, __global const real* restrict step_table,               \
       __global real* restrict scratch, __global real* restrict edge, int n_bands, int n_planes,    \
-      int step_index, int step_reals) {                                                            \
+      int step_index, int step_reals
+#define TLED_ROWS_TABLES                                                           \
+  {blocks,         materials,    law_entries, law_sets,                            \
+   history,        next_history, muscle_entries, muscle_sets,                      \
+   muscle_constants, shape,      step_table + step_index * step_reals}
+
+#define TLED_ROWS_KERNEL(name, physical, cube, forces_only, has_levels)                            \
+  __kernel void name(TLED_ROWS_ARGUMENTS) {                                                        \
     if ((int)get_global_id(0) >= n_bands) return;                                                  \
-    const ElementTables t = {blocks,           materials,    law_entries,                          \
-                             law_sets,         history,      next_history,                         \
-                             muscle_entries,   muscle_sets,  muscle_constants,                     \
-                             shape,            step_table + step_index * step_reals};              \
-    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, physical, cube,    \
+    const ElementTables t = TLED_ROWS_TABLES;                                                      \
+    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, 0, physical, cube, \
                  forces_only, has_levels);                                                         \
+  }
+
+// The same with sliding nodes put back as soon as they are done (sliding_plane.cl).
+#define TLED_SLIDING_ROWS_KERNEL(name, physical, cube)                                             \
+  __kernel void name(TLED_ROWS_ARGUMENTS, __global const real* restrict slide_rows,                \
+                     __global const real* restrict slide_regions,                                  \
+                     __global const int* restrict slide_heads, __global int* restrict looks) {     \
+    if ((int)get_global_id(0) >= n_bands) return;                                                  \
+    const ElementTables t = TLED_ROWS_TABLES;                                                      \
+    const SlidingRows sliding = {slide_rows, slide_regions, slide_heads, looks};                   \
+    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, &sliding,          \
+                 physical, cube, 0, 0);                                                            \
   }
 
 // Subcycling: exchanges displacement and the one before of blocks that were due and are above level
@@ -208,6 +225,9 @@ __kernel void swap_blocks(__global real* restrict u, __global real* restrict u_p
 TLED_ROWS_KERNEL(step_rows_physical, 1, 0, 0, 0)
 TLED_ROWS_KERNEL(step_rows_cubes, 1, 1, 0, 0)
 TLED_ROWS_KERNEL(step_rows_kappa, 0, 0, 0, 0)
+TLED_SLIDING_ROWS_KERNEL(step_sliding_physical, 1, 0)
+TLED_SLIDING_ROWS_KERNEL(step_sliding_cubes, 1, 1)
+TLED_SLIDING_ROWS_KERNEL(step_sliding_kappa, 0, 0)
 TLED_ROWS_KERNEL(step_levels_physical, 1, 0, 0, 1)
 TLED_ROWS_KERNEL(step_levels_cubes, 1, 1, 0, 1)
 TLED_ROWS_KERNEL(step_levels_kappa, 0, 0, 0, 1)

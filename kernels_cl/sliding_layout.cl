@@ -21,11 +21,19 @@
 #define REGION_ROUND 28   // 0 plane; edge, corner: 1 before the surface, -1 behind
 #define REGION_ON 29      // 3: edge, corner: a point of it less the reference position, m
 
+// slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors; one more ends them.
+#define SLIDE_HEAD 2
+#define HEAD_BLOCK 0  // whose nodes they are
+#define HEAD_SHAPE 1  // as SLIDE_SHAPE
+
+// Rows of nodes that a work-item of look_at_rows goes through.
+#define TLED_LOOK_ROWS 64
+
 // slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]. Where rows are vectors the nodes of
 // a row are those of one block, lane by lane.
 #define SLIDE_INTS 4
 #define SLIDE_DOF 0      // of the x component in u
-#define SLIDE_SHAPE 1    // in the row's first lane, bits: 1 a lane is held, 2 << l lane l on edge or corner
+#define SLIDE_SHAPE 1    // where rows are no vectors, bits: 1 a lane is held, 2 << l lane l on edge or corner
 #define SLIDE_ZONE 2     // where it was last; -1: in none, the region is its own
 #define SLIDE_SURFACE 3  // 8 times the surface and bits: 1 x may move, 2 y, 4 z; -1: no node here
 

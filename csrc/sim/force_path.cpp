@@ -1,5 +1,6 @@
 #include "sim/force_path.hpp"
 
+#include <algorithm>
 #include <string>
 #include <vector>
 
@@ -16,7 +17,8 @@ constexpr unsigned kRowsStepIndex = 20, kElementsStepIndex = 14, kNodesStepIndex
 constexpr unsigned kElementsStore = 16, kHexStore = 18;  // 1: the history of laws is kept
 // Where those that integrate take the links of blocks and the inverse masses.
 constexpr unsigned kRowsBands = 2, kRowsRows = 3, kRowsCount = 18, kSwapList = 2, kSwapCount = 3;
-constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kNodesBlocks = 3, kNodesNodeSets = 4;
+constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kRowsSliding = 22, kNodesBlocks = 3,
+                   kNodesNodeSets = 4;
 // Work-items a group of the gather kernels: four blocks of 16 lanes.
 constexpr std::size_t kGroup = 64;
 
@@ -67,6 +69,30 @@ class RowsPath final : public ForcePath {
     force_[now]->set_arg(1, force);
     force_[now]->enqueue(all_.n_bands, 1);
     force_[now]->set_arg(1, *u_[1 - now]);
+  }
+
+  bool fuse_sliding(const SlidingRowBuffers& sliding) override {
+    RowBands bands = arrays_.make_bands(n_bands_, {}, 0);
+    const std::vector<std::int32_t>& blocks = *sliding.blocks;
+    for (std::size_t row = 0; row < bands.rows.size(); row += 4) {
+      const std::int32_t begin = bands.rows[row], end = begin + bands.rows[row + 1];
+      const auto first = std::lower_bound(blocks.begin(), blocks.end(), begin);
+      const bool own = first != blocks.end() && *first < end && !(bands.rows[row + 2] & ROW_SEED);
+      bands.rows[row + 3] = own ? static_cast<std::int32_t>(first - blocks.begin()) : -1;
+    }
+    sliding_rows_ = binder_.upload(bands.rows, bytes_);
+    for (int parity = 0; parity < 2; ++parity) {
+      step_sliding_[parity] = make_kernel("step_sliding_" + step_form(arrays_, options_), parity);
+      step_sliding_[parity]->set_arg(kRowsRows, *sliding_rows_);
+      unsigned index = kRowsSliding;
+      for (const Buffer* buffer : {sliding.rows, sliding.regions, sliding.heads, sliding.looks})
+        step_sliding_[parity]->set_arg(index++, *buffer);
+    }
+    return true;
+  }
+  void enqueue_sliding_step(int now, std::int32_t index) override {
+    step_sliding_[now]->set_arg(kRowsStepIndex, index);
+    step_sliding_[now]->enqueue(all_.n_bands, 1);
   }
 
   bool subcycles() const override { return true; }
@@ -135,8 +161,8 @@ class RowsPath final : public ForcePath {
   DueRows all_;
   std::vector<DueRows> due_;  // by the highest level that is due; of the highest of all: all_
   std::vector<std::int32_t> swap_ends_;  // by the highest level: how many of the list
-  std::unique_ptr<Buffer> scratch_, edge_, swap_list_;
-  std::unique_ptr<Kernel> step_[2], step_levels_[2], force_[2], swap_;
+  std::unique_ptr<Buffer> scratch_, edge_, swap_list_, sliding_rows_;
+  std::unique_ptr<Kernel> step_[2], step_sliding_[2], step_levels_[2], force_[2], swap_;
 };
 
 class GatherPath final : public ForcePath {

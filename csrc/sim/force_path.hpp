@@ -4,6 +4,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "backend/device.hpp"
 #include "precompute/solver_arrays.hpp"
@@ -31,6 +32,12 @@ struct ForcePathOptions {
   std::int32_t step_reals = 0;
 };
 
+// Rows of sliding nodes that kernels can put back themselves (kernels_cl/sliding_plane.cl).
+struct SlidingRowBuffers {
+  const Buffer *rows, *regions, *heads, *looks;
+  const std::vector<std::int32_t>* blocks;  // of each row, ascending
+};
+
 class ForcePath {
  public:
   virtual ~ForcePath() = default;
@@ -39,6 +46,15 @@ class ForcePath {
   // A step from u[now] into u[1 - now], with row `index` of the step table, of the blocks up to
   // level `highest`; -1: of all.
   virtual void enqueue_step(int now, std::int32_t index, int highest) = 0;
+  // The same of all, after which sliding nodes are where they belong but for rows that are marked.
+  // Only where fuse_sliding said so.
+  virtual bool fuse_sliding(const SlidingRowBuffers& sliding) {
+    static_cast<void>(sliding);
+    return false;
+  }
+  virtual void enqueue_sliding_step(int now, std::int32_t index) {
+    static_cast<void>(now), static_cast<void>(index);
+  }
   // After all that changes u of the step: blocks above level 0 are left as the next step needs
   // them.
   virtual void enqueue_swap(int highest) { static_cast<void>(highest); }

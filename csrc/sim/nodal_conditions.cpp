@@ -194,6 +194,14 @@ void NodalConditions::bind(const Buffer* const (&u)[2], const Buffer& blocks,
   }
 }
 
+bool NodalConditions::any_acts_on(const std::vector<std::int64_t>& nodes) const {
+  std::vector<bool> acts(model_.n_nodes(), false);
+  for (const auto* dofs : {&given_.prescribed_dofs, &given_.field_dofs, &given_.load_dofs})
+    for (const std::int64_t dof : *dofs) acts[dof / 3] = true;
+  for (const std::int32_t node : given_.pressure_faces) acts[node] = true;
+  return std::any_of(nodes.begin(), nodes.end(), [&](std::int64_t node) { return acts[node]; });
+}
+
 void NodalConditions::fill_columns(const double* values, FieldMoment field, double* columns) const {
   std::copy_n(values, given_.n_values(), columns);
   for (std::int32_t i = 0; i < given_.n_pressures; ++i) columns[given_.n_loads + i] *= area_sign_;

@@ -56,6 +56,8 @@ class NodalConditions {
     return conditions.n_values() + (conditions.field_dofs.empty() ? 0 : 2);
   }
   std::size_t bytes() const { return bytes_; }
+  // Whether anything here acts on one of these nodes.
+  bool any_acts_on(const std::vector<std::int64_t>& nodes) const;
 
   // `blocks`, `node_sets`: where inverse masses are. u[parity] is the displacement of now.
   void bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buffer& node_sets,

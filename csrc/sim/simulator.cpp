@@ -129,6 +129,9 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     device_bytes_ += sliding_->bytes();
     const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
     sliding_->bind(u, *blocks_, *step_table_, step_reals_);
+    const auto rows = sliding_->row_buffers();
+    if (rows && !conditions_->any_acts_on(sliding_given_.nodes))
+      fuses_sliding_ = path_->fuse_sliding(*rows);
   }
   bind_masses(*blocks_, *node_sets_);
 }
@@ -270,9 +273,14 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     for (std::size_t i = 0; i < batch; ++i) {
       const auto index = static_cast<std::int32_t>(i);
       const int highest = highest_due(i);
-      enqueue_step(index, highest);
+      if (fuses_sliding()) {
+        path_->enqueue_sliding_step(now_, index);
+        conditions_->enqueue(now_, index);
+      } else {
+        enqueue_step(index, highest);
+      }
       // Normals are those of each node's last step.
-      if (sliding_) sliding_->enqueue(1 - now_, index, done + i + substeps >= n);
+      if (sliding_) sliding_->enqueue(1 - now_, index, done + i + substeps >= n, fuses_sliding());
       path_->enqueue_swap(highest);
       now_ = 1 - now_;
     }

@@ -204,6 +204,8 @@ class Simulator {
                  FieldMoment field) const;
   // The row kernels' and conditions' part; highest_level: see ForcePath.
   void enqueue_step(std::int32_t index, int highest_level);
+  // Whether the kernels of a step put sliding nodes back themselves: nothing else acts on these.
+  bool fuses_sliding() const { return fuses_sliding_ && levels_.n_levels == 1; }
   // Step of the node that real i of u belongs to, s.
   double step_of_real(std::size_t i) const {
     const std::size_t block = i / (std::size_t(3) * arrays_.lanes);
@@ -229,7 +231,7 @@ class Simulator {
   PrecomputeOptions precompute_;
   std::shared_ptr<const SolverArrays> shared_arrays_;
   const SolverArrays& arrays_;
-  bool rows_ = true;
+  bool rows_ = true, fuses_sliding_ = false;
   std::size_t device_bytes_ = 0;
   std::int32_t step_reals_ = 0;
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 
 #include "broad_phase/sliding_layout.hpp"
@@ -12,11 +13,11 @@ namespace tledface {
 namespace {
 
 // Work-items a group; on the native device, a reason to deal them out in chunks.
-constexpr std::size_t kGroup = 64;
+constexpr std::size_t kGroup = 64, kLookGroup = 4;
 // First byte of a state: what follows is laid out as by this version of the kernels.
-constexpr std::uint8_t kLayout = 2;
+constexpr std::uint8_t kLayout = 3;
 // Where the kernel takes the index of the step in the table.
-constexpr unsigned kStepIndex = 22, kKeepWays = 23, kHasLevels = 24;
+constexpr unsigned kItems = 14, kKeepWays = 15, kLooks = 16, kStepIndex = 24, kHasLevels = 25;
 
 void write_reals(Buffer& buffer, const std::vector<double>& values, Precision precision) {
   if (precision == Precision::kDouble) {
@@ -98,6 +99,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       n_nodes_(given.nodes.size()),
       n_moving_(given.moving.size()),
       lanes_(arrays.lanes),
+      vector_rows_(vector_rows),
       order_(arrays.order) {
   check(given, model);
   const std::size_t lanes = lanes_;
@@ -117,13 +119,13 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     return ma != mb ? ma < mb : arrays.node_slot[given.nodes[a]] < arrays.node_slot[given.nodes[b]];
   });
   place_.resize(n_nodes_);
-  std::vector<std::size_t> node_at;    // of each place; n_nodes_: none
-  std::vector<std::int64_t> block_at;  // of each row; -1: of nodes from anywhere
+  std::vector<std::size_t> node_at;  // of each place; n_nodes_: none
+  auto& block_at = block_of_row_;    // -1: of nodes from anywhere
   for (std::size_t i = 0; i < n_nodes_;) {
     const std::size_t moves = motion[given.surface[sorted[i]]], first_row = node_at.size() / lanes;
     for (; i < n_nodes_ && motion[given.surface[sorted[i]]] == moves; ++i) {
       const std::int64_t slot = arrays.node_slot[given.nodes[sorted[i]]];
-      const auto block = slot / static_cast<std::int64_t>(lanes);
+      const auto block = static_cast<std::int32_t>(slot / static_cast<std::int64_t>(lanes));
       if (vector_rows) {
         if (node_at.size() / lanes == first_row || block_at.back() != block) {
           node_at.resize(node_at.size() + lanes, n_nodes_);
@@ -156,6 +158,11 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   std::vector<double> regions(n_rows_ * REGION_ROWS * lanes, 0.0);
   std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
   std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes, 0);
+  std::vector<std::int32_t> heads((n_rows_ + 1) * SLIDE_HEAD, 0);
+  if (vector_rows)
+    for (std::size_t row = 0; row < n_rows_; ++row)
+      heads[row * SLIDE_HEAD + HEAD_BLOCK] = block_of_row_[row];
+  heads[n_rows_ * SLIDE_HEAD + HEAD_BLOCK] = std::numeric_limits<std::int32_t>::max();
   const auto empty = static_cast<std::int32_t>(std::size_t(arrays.n_blocks) * 3 * lanes);
   for (std::size_t place = 0; place < node_at.size(); ++place) {
     const std::size_t row = place / lanes, lane = place % lanes;
@@ -169,9 +176,9 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       laws[(row * SLIDE_LAWS + k) * lanes + lane] = value;
     };
     if (node_at[place] == n_nodes_) {
-      put_int(SLIDE_DOF, block_at[row] < 0
+      put_int(SLIDE_DOF, block_of_row_[row] < 0
                              ? empty
-                             : static_cast<std::int32_t>(block_at[row] * 3 * lanes + lane));
+                             : static_cast<std::int32_t>(block_of_row_[row] * 3 * lanes + lane));
       put_int(SLIDE_SURFACE, -1);
       put_int(SLIDE_ZONE, -1);
       put(REGION_RADIUS, kNoNode);
@@ -190,16 +197,18 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       if (has_laws_) put_law(SLIDE_MAY + a, 1);
     }
     put_int(SLIDE_SURFACE, 8 * given.surface[i] + free);
-    // Where rows are no vectors each lane has its own.
-    if (free != 7 && motion[given.surface[i]] == 0)
-      for (std::size_t l = 0; l < lanes; ++l)
-        ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + l] |= 1;
+    if (free != 7 && motion[given.surface[i]] == 0) {
+      ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + lane] |= 1;
+      if (vector_rows) heads[row * SLIDE_HEAD + HEAD_SHAPE] |= 1;
+    }
     put(REGION_DISTANCE, given.distance[i]);
     if (!given.friction.empty() && has_laws_) put_law(SLIDE_FRICTION, given.friction[i]);
     if (!given.release.empty() && has_laws_) put_law(SLIDE_RELEASE, given.release[i] ? 1 : 0);
   }
   rows_ = reals(unknown_rows(regions, lanes));
   regions_ = reals(regions);
+  heads_ = integers(heads);
+  looks_ = integers(std::vector<std::int32_t>(n_rows_, 0));
   ints_ = integers(ints);
   laws_ = reals(laws);
   candidates_ = integers(std::vector<std::int32_t>(n_rows_ * lanes * SLIDE_CANDIDATES, 0));
@@ -215,6 +224,13 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   cell_triangles_ = integers(grids.cell_triangles);
   for (Group& group : groups_)
     for (auto& kernel : group.kernel) kernel = program.kernel("slide_nodes");
+  if (vector_rows)
+    for (auto& kernel : look_) kernel = program.kernel("look_at_rows");
+}
+
+std::optional<SlidingRowBuffers> Sliding::row_buffers() const {
+  if (!vector_rows_ || has_laws_) return std::nullopt;
+  return SlidingRowBuffers{rows_.get(), regions_.get(), heads_.get(), looks_.get(), &block_of_row_};
 }
 
 void Sliding::fill_poses(const double* values, double* columns) const {
@@ -245,27 +261,33 @@ std::unique_ptr<Buffer> Sliding::integers(const std::vector<std::int32_t>& value
 
 void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buffer& step_table,
                    std::int32_t step_reals) {
-  for (Group& group : groups_)
-    for (int parity = 0; parity < 2; ++parity) {
+  const auto bind_nodes = [&](Kernel& kernel, const Buffer& next, std::size_t n_items) {
+    unsigned index = 0;
+    kernel.set_arg(index++, next);
+    for (const auto& buffer :
+         {&rows_, &regions_, &heads_, &ints_, &candidates_, &candidate_reals_, &triangles_, &grids_,
+          &grid_reals_, &cell_begin_, &cell_triangles_, &zones_, &triangle_zones_})
+      kernel.set_arg(index++, **buffer);
+    kernel.set_arg(index++, static_cast<std::int32_t>(n_items));
+    kernel.set_arg(index++, std::int32_t(0));
+    return index;
+  };
+  for (int parity = 0; parity < 2; ++parity) {
+    for (Group& group : groups_) {
       Kernel& kernel = *group.kernel[parity];
-      unsigned index = 0;
+      unsigned index = bind_nodes(kernel, *u[parity], group.n_items);
       for (const Buffer* buffer :
-           {u[parity], u[1 - parity], static_cast<const Buffer*>(rows_.get()),
-            static_cast<const Buffer*>(regions_.get()), static_cast<const Buffer*>(ints_.get()),
-            static_cast<const Buffer*>(laws_.get()), static_cast<const Buffer*>(candidates_.get()),
-            static_cast<const Buffer*>(candidate_reals_.get()),
-            static_cast<const Buffer*>(triangles_.get()), static_cast<const Buffer*>(grids_.get()),
-            static_cast<const Buffer*>(grid_reals_.get()),
-            static_cast<const Buffer*>(cell_begin_.get()),
-            static_cast<const Buffer*>(cell_triangles_.get()),
-            static_cast<const Buffer*>(zones_.get()),
-            static_cast<const Buffer*>(triangle_zones_.get()), &blocks, &step_table})
+           {u[1 - parity], static_cast<const Buffer*>(laws_.get()), &blocks, &step_table})
         kernel.set_arg(index++, *buffer);
-      for (const auto value :
-           {static_cast<std::int32_t>(group.n_items), static_cast<std::int32_t>(group.first_row),
-            std::int32_t(has_laws_), group.pose_column, step_reals})
+      for (const auto value : {static_cast<std::int32_t>(group.first_row), std::int32_t(has_laws_),
+                               group.pose_column, step_reals})
         kernel.set_arg(index++, value);
     }
+    if (look_[parity]) {
+      bind_nodes(*look_[parity], *u[parity], n_rows_);
+      look_[parity]->set_arg(kLooks, *looks_);
+    }
+  }
   set_has_levels(false);
 }
 
@@ -274,7 +296,12 @@ void Sliding::set_has_levels(bool has_levels) {
     for (auto& kernel : group.kernel) kernel->set_arg(kHasLevels, std::int32_t(has_levels));
 }
 
-void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
+void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals, bool marked) {
+  if (marked) {
+    look_[next]->set_arg(kKeepWays, std::int32_t(keep_normals));
+    look_[next]->enqueue((n_rows_ + TLED_LOOK_ROWS - 1) / TLED_LOOK_ROWS, kLookGroup);
+    return;
+  }
   for (Group& group : groups_) {
     group.kernel[next]->set_arg(kStepIndex, step_index);
     group.kernel[next]->set_arg(kKeepWays, std::int32_t(keep_normals));
@@ -282,8 +309,9 @@ void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   }
 }
 
-std::array<Buffer*, 5> Sliding::known() const {
-  return {rows_.get(), regions_.get(), ints_.get(), candidates_.get(), candidate_reals_.get()};
+std::array<Buffer*, 6> Sliding::known() const {
+  return {rows_.get(), regions_.get(),    heads_.get(),
+          ints_.get(), candidates_.get(), candidate_reals_.get()};
 }
 
 std::vector<std::uint8_t> Sliding::state() const {
@@ -327,17 +355,25 @@ void Sliding::forget() {
     }
   write_reals(*regions_, regions, precision_);
   write_reals(*rows_, unknown_rows(regions, lanes), precision_);
-  std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes);
-  ints_->read(ints.data(), ints.size() * sizeof(std::int32_t));
-  for (std::size_t row = 0; row < n_rows_; ++row)
+  auto ints = read(*ints_), heads = read(*heads_);
+  for (std::size_t row = 0; row < n_rows_; ++row) {
+    heads[row * SLIDE_HEAD + HEAD_SHAPE] &= 1;
     for (std::size_t lane = 0; lane < lanes; ++lane) {
       ints[(row * SLIDE_INTS + SLIDE_ZONE) * lanes + lane] = -1;
       ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + lane] &= 1;
     }
+  }
   ints_->write(ints.data(), ints.size() * sizeof(std::int32_t));
+  heads_->write(heads.data(), heads.size() * sizeof(std::int32_t));
   // A radius of 0: sought at the next step.
   write_reals(*candidate_reals_, std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0),
               precision_);
+}
+
+std::vector<std::int32_t> Sliding::read(const Buffer& buffer) const {
+  std::vector<std::int32_t> values(buffer.bytes() / sizeof(std::int32_t));
+  buffer.read(values.data(), buffer.bytes());
+  return values;
 }
 
 std::vector<double> Sliding::read_regions() const {

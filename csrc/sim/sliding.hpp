@@ -4,11 +4,13 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "backend/device.hpp"
 #include "broad_phase/uniform_grid.hpp"
 #include "precompute/solver_arrays.hpp"
+#include "sim/force_path.hpp"
 
 namespace tledface {
 
@@ -45,8 +47,11 @@ class Sliding {
             std::int32_t step_reals);
   // Whether `blocks` has nodes above level 0 (subcycling).
   void set_has_levels(bool has_levels);
-  // keep_normals: for normals().
-  void enqueue(int next, std::int32_t step_index, bool keep_normals);
+  // What a row kernel needs to put these nodes back itself; none where rows are no vectors, where
+  // surfaces move, rub or let go.
+  std::optional<SlidingRowBuffers> row_buffers() const;
+  // keep_normals: for normals(). After enqueue_sliding_step only what was marked: `marked`.
+  void enqueue(int next, std::int32_t step_index, bool keep_normals, bool marked);
   // Regions and candidates, as they lie on this device; see RawState.
   std::vector<std::uint8_t> state() const;
   void set_state(const std::vector<std::uint8_t>& state);
@@ -68,19 +73,23 @@ class Sliding {
   std::unique_ptr<Buffer> reals(const std::vector<double>& values);
   std::unique_ptr<Buffer> integers(const std::vector<std::int32_t>& values);
   std::vector<double> read_regions() const;
-  std::array<Buffer*, 5> known() const;  // arrays of what state() holds
+  std::array<Buffer*, 6> known() const;  // arrays of what state() holds
+  std::vector<std::int32_t> read(const Buffer& buffer) const;
 
   Device& device_;
   Precision precision_;
   std::size_t bytes_ = 0, n_nodes_, n_rows_ = 0, n_moving_;
   int lanes_;
-  bool has_laws_;
+  bool has_laws_, vector_rows_;
   std::array<int, 3> order_;
   Vec3 centre_;
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
   std::vector<Group> groups_;
-  std::unique_ptr<Buffer> rows_, regions_, ints_, laws_, candidates_, candidate_reals_, triangles_,
-      grids_, grid_reals_, cell_begin_, cell_triangles_, zones_, triangle_zones_;
+  std::vector<std::int32_t> block_of_row_;  // where rows are vectors
+  std::unique_ptr<Kernel> look_[2];
+  std::unique_ptr<Buffer> rows_, regions_, heads_, looks_, ints_, laws_, candidates_,
+      candidate_reals_, triangles_, grids_, grid_reals_, cell_begin_, cell_triangles_, zones_,
+      triangle_zones_;
 };
 
 // Squared distance and nearest triangle of points (3 each) as the device's grid search finds them.
