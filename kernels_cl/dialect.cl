@@ -7,6 +7,9 @@
 // The rare and large: kept out of the fused loop, whose registers it would take.
 #define OUT_OF_LINE static __attribute__((noinline))
 
+// Reals of a line of the cache.
+#define LINE_REALS (64 / (int)sizeof(real))
+
 #if TLED_OPENCL
 
 #if TLED_DOUBLE
@@ -28,6 +31,7 @@ INLINE realv load_lanes(__global const real* p) { return *p; }
 INLINE void store_lanes(realv v, __global real* p) { *p = v; }
 INLINE realv gather_lanes(__global const real* p, __global const int* at) { return p[*at]; }
 INLINE int all_below(realv a, realv b) { return a < b; }
+INLINE int lanes_not_below(realv a, realv b) { return !(a < b); }
 
 #else
 
@@ -50,6 +54,13 @@ INLINE realv gather_lanes(__global const real* p, __global const int* at) {
   return v;
 }
 INLINE int all_below(realv a, realv b) { return all(a < b); }
+// The lanes of which a is not below b, as bits.
+INLINE int lanes_not_below(realv a, realv b) {
+  if (all(a < b)) return 0;
+  int bits = 0;
+  for (int l = 0; l < TLED_LANES; ++l) bits |= !(((real*)&a)[l] < ((real*)&b)[l]) << l;
+  return bits;
+}
 
 // Lane l of the result is lane l + 1 of `own`; the last is lane 0 of `next`.
 // Lane l of the second is lane l - 1 of `own`; lane 0 is `first`.

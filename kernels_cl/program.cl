@@ -20,7 +20,11 @@
 #include "element.cl"
 #include "node.cl"
 #include "sliding_layout.cl"
+#include "sliding_search.cl"
+#include "sliding_zone.cl"
+#include "sliding_region.cl"
 #include "sliding_plane.cl"
+#include "sliding.cl"
 #if TLED_VECTOR_ROWS
 #include "row_element.cl"
 #include "rows.cl"
@@ -34,7 +38,3 @@
 #include "state.cl"
 #endif
 #include "conditions.cl"
-#include "sliding_search.cl"
-#include "sliding_zone.cl"
-#include "sliding_region.cl"
-#include "sliding.cl"

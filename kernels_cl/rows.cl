@@ -120,7 +120,7 @@ INLINE RowNodes row_nodes(ElementTables t, __global const real* u, __global real
 INLINE void process_rows(ElementTables t, __global const real* u, __global real* out,
                          __global const int* bands, __global const int* rows,
                          __global const real* node_sets, __global real* all_scratch,
-                         __global real* edge, int n_planes, const SlidingRows* sliding,
+                         __global real* edge, int n_planes, const SlideArrays* sliding, const SlideSurfaces* surfaces,
                          const int physical, const int cube, const int forces_only,
                          const int has_levels) {
   __global const int* blocks = t.blocks;
@@ -130,6 +130,8 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                               t.step[STEP_GRAVITY + 2] != R(0.0)
                           ? ROW_GRAVITY
                           : 0;
+  SlidingQueue queue;
+  queue.n_zones = queue.n_records = 0;
   Face low, high, carried;
   for (int row = bands[2 * band]; row < bands[2 * band + 1]; ++row) {
     const int begin = rows[4 * row], end = begin + rows[4 * row + 1];
@@ -166,8 +168,11 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
         low_is_valid = 0;
       }
     }
-    if (sliding && rows[4 * row + 3] >= 0) put_rows_back(sliding, rows[4 * row + 3], end, out);
+    if (sliding && rows[4 * row + 3] >= 0)
+      put_rows_back(sliding, surfaces, &queue, rows[4 * row + 3], end, out);
   }
+  while (sliding && (queue.n_zones || queue.n_records))
+    advance_queue(sliding, surfaces, &queue, out);
 }
 
 // One explicit step. u: displacement now; u_prev: the one before, replaced by the next.
@@ -193,20 +198,19 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
   __kernel void name(TLED_ROWS_ARGUMENTS) {                                                        \
     if ((int)get_global_id(0) >= n_bands) return;                                                  \
     const ElementTables t = TLED_ROWS_TABLES;                                                      \
-    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, 0, physical, cube, \
-                 forces_only, has_levels);                                                         \
+    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, 0, 0, physical,   \
+                 cube, forces_only, has_levels);                                                         \
   }
 
-// The same with sliding nodes put back as soon as they are done (sliding_plane.cl).
+// The same with sliding nodes put back as soon as they are done (sliding.cl).
 #define TLED_SLIDING_ROWS_KERNEL(name, physical, cube)                                             \
-  __kernel void name(TLED_ROWS_ARGUMENTS, __global const real* restrict slide_rows,                \
-                     __global const real* restrict slide_regions,                                  \
-                     __global const int* restrict slide_heads, __global int* restrict looks) {     \
+  __kernel void name(TLED_ROWS_ARGUMENTS, TLED_SLIDING_ARGUMENTS) {                                \
     if ((int)get_global_id(0) >= n_bands) return;                                                  \
     const ElementTables t = TLED_ROWS_TABLES;                                                      \
-    const SlidingRows sliding = {slide_rows, slide_regions, slide_heads, looks};                   \
+    const SlideArrays sliding = TLED_SLIDE_ARRAYS;                                                 \
+    const SlideSurfaces surfaces = TLED_SLIDE_SURFACES;                                            \
     process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, &sliding,          \
-                 physical, cube, 0, 0);                                                            \
+                 &surfaces, physical, cube, 0, 0);                                                 \
   }
 
 // Subcycling: exchanges displacement and the one before of blocks that were due and are above level

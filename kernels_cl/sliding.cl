@@ -57,34 +57,38 @@ INLINE realv rubbed_share(realv coefficient, realv off, realv way) {
 
 // What is known of all nodes.
 typedef struct {
-  __global real *rows, *regions;
+  __global real *rows, *regions, *records;
   __global int *heads, *ints, *candidates;
   __global real* candidate_reals;
 } SlideArrays;
 
 // A row of nodes and what it slides on; `first` to `last`: the lanes of the work-item.
 typedef struct {
-  __global real *rows, *regions;
+  __global real *rows, *regions, *records;
   __global int *ints, *shape, *candidates;
   __global real* candidate_reals;
   // Of a surface that moves, at the begin and at the end of the nodes' step.
   __global const real *pose_before, *pose;
   int moves, first, last;
+  long dof;  // of the x component of its first lane
 } SlideRow;
 
 INLINE SlideRow row_of(const SlideArrays* a, long place, int first) {
   SlideRow row;
   row.rows = a->rows + place * (SLIDE_ROWS * TLED_LANES);
   row.regions = a->regions + place * (REGION_ROWS * TLED_LANES);
+  row.records = a->records + place * (RECORD_REALS * TLED_LANES);
   row.ints = a->ints + place * (SLIDE_INTS * TLED_LANES);
   row.candidates = a->candidates + place * (SLIDE_CANDIDATES * TLED_LANES);
   row.candidate_reals = a->candidate_reals + place * (SLIDE_CANDIDATE_REALS * TLED_LANES);
 #if TLED_VECTOR_ROWS
   row.shape = a->heads + place * SLIDE_HEAD + HEAD_SHAPE;
   row.last = TLED_LANES;
+  row.dof = (long)a->heads[place * SLIDE_HEAD + HEAD_BLOCK] * (3 * TLED_LANES);
 #else
   row.shape = row.ints + SLIDE_SHAPE * TLED_LANES + first;
   row.last = first + 1;
+  row.dof = row.ints[first];
 #endif
   row.first = first;
   row.moves = 0;
@@ -103,28 +107,26 @@ INLINE Points lanes_seen(const SlideRow* row, Points u) {
 // the zones of its nodes that left theirs.
 INLINE void fetch_row(const SlideRow* row) {
   for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS) prefetch_line(row->rows + k);
-  prefetch_line((__global const real*)row->ints);
-}
-INLINE void fetch_places(const SlideRow* row) {
-  prefetch_line((__global const real*)(row->ints + SLIDE_ZONE * TLED_LANES));
-  for (int k = 0; k < 3 * TLED_LANES; k += LINE_REALS)
-    prefetch_line(row->regions + REGION_PLACE * TLED_LANES + k);
 }
 INLINE void fetch_nodes(const SlideRow* row, __global const real* u) {
-  __global const real* nodes = u + row->ints[0];
-  for (int k = 0; k < 3 * TLED_LANES; k += LINE_REALS) prefetch_line(nodes + k);
-  prefetch_line(nodes + 3 * TLED_LANES - 1);
+  for (int k = 0; k < 3 * TLED_LANES; k += LINE_REALS) prefetch_line(u + row->dof + k);
+  prefetch_line(u + row->dof + 3 * TLED_LANES - 1);
 }
-INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, __global const real* u) {
+INLINE void fetch_records(const SlideRow* row, int lanes) {
+  prefetch_line((__global const real*)(row->ints + SLIDE_ZONE * TLED_LANES));
+  for (int lane = 0; lane < TLED_LANES; ++lane)
+    if (lanes >> lane & 1) prefetch_line(row->records + lane * RECORD_REALS);
+}
+INLINE void fetch_zone(const SlideSurfaces* s, int zone) {
+  if (zone < 0) return;
+  __global const real* in = s->zones + (long)zone * ZONE_UNIT;
+  for (int k = 0; k < ZONE_BORDER + 6 * ZONE_BORDER_REALS; k += LINE_REALS) prefetch_line(in + k);
+}
+INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes) {
   for (int lane = 0; lane < TLED_LANES; ++lane) {
-    const int zone = row->ints[SLIDE_ZONE * TLED_LANES + lane];
-    __global const real* at = u + row->ints[lane];
-    __global const real* last = row->rows + lane;
-    const real x = at[0] - last[0], y = at[TLED_LANES] - last[TLED_LANES],
-               z = at[2 * TLED_LANES] - last[2 * TLED_LANES], slack = last[SLIDE_SLACK * TLED_LANES];
-    if (zone < 0 || x * x + y * y + z * z < slack * slack) continue;
-    __global const real* in = s->zones + (long)zone * ZONE_REALS;
-    for (int k = 0; k < ZONE_BORDER + 8 * ZONE_BORDER_REALS; k += LINE_REALS) prefetch_line(in + k);
+    if (!(lanes >> lane & 1)) continue;
+    fetch_zone(s, row->ints[SLIDE_ZONE * TLED_LANES + lane]);
+    fetch_zone(s, (int)row->records[lane * RECORD_REALS + RECORD_NEXT]);
   }
 }
 #endif
@@ -132,28 +134,32 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, __global co
 // Levels 1 to 4: afterwards the row's surfaces are those of the places `seen` of u.
 INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
                           __global const real* u) {
-  if (all_stay(row->rows + row->first, seen)) return;
+  if (!lanes_that_left(row->rows + row->first, seen)) return;
   for (int lane = row->first; lane < row->last; ++lane) {
     const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
     if (surface < 0) continue;
     __global real* mine = row->rows + lane;
-    __global real* region = row->regions + lane;
-    const int dof = row->ints[lane];
-    Point v = {u[dof], u[dof + TLED_LANES], u[dof + 2 * TLED_LANES]};
-    if (row->moves) {
-      const Point X = {region[REGION_PLACE * TLED_LANES], region[(REGION_PLACE + 1) * TLED_LANES],
-                       region[(REGION_PLACE + 2) * TLED_LANES]};
-      v = seen_from(row->pose, X, v);
-    }
+    __global real* record = row->records + lane * RECORD_REALS;
+    __global const real* at = u + row->dof + (lane - row->first);
+    Point v = {at[0], at[TLED_LANES], at[2 * TLED_LANES]};
+    if (row->moves) v = seen_from(row->pose, point_at(record + RECORD_PLACE), v);
     const Point since = {v.x - mine[SLIDE_SEEN * TLED_LANES], v.y - mine[(SLIDE_SEEN + 1) * TLED_LANES],
                          v.z - mine[(SLIDE_SEEN + 2) * TLED_LANES]};
     const real holds = mine[SLIDE_SLACK * TLED_LANES];
     if (inner(since, since) < holds * holds) continue;
-    // Held components are looked after by whoever turns the way back, where the surface may turn.
-    const int round = look_at_node(s, v, surface >> 3, row->moves ? 7 : surface & 7, mine, region,
-                                   row->ints + SLIDE_ZONE * TLED_LANES + lane,
-                                   row->candidates + lane * SLIDE_CANDIDATES,
-                                   row->candidate_reals + lane * SLIDE_CANDIDATE_REALS);
+    const SlideNode node = {surface >> 3,
+                            // Held components are looked after by whoever turns the way back, where the
+                            // surface may turn.
+                            row->moves ? 7 : surface & 7,
+                            *row->shape,
+                            lane,
+                            mine,
+                            row->regions + lane,
+                            record,
+                            row->ints + SLIDE_ZONE * TLED_LANES + lane,
+                            row->candidates + lane * SLIDE_CANDIDATES,
+                            row->candidate_reals + lane * SLIDE_CANDIDATE_REALS};
+    const int round = look_at_node(s, &node, v);
     *row->shape = (*row->shape & ~(2 << lane)) | round << (lane + 1);
   }
 }
@@ -172,11 +178,12 @@ INLINE realv released(realv off, __global const real* region, __global const rea
   return held < R(0.0) ? broadcast(R(0.0)) : off;
 }
 
-// Moves a row's nodes, whose x components begin at dof, to their distance in u_next. laws: 0 where there
-// are none; of_level: of the step table, of their level; keep_ways: for reactions.
+// Moves a row's nodes to their distance in u_next. laws: 0 where there are none; of_level: of the step
+// table, of their level; keep_ways: for reactions.
 INLINE void slide_row(const SlideRow* row, const SlideSurfaces* s, __global real* u_next,
-                      __global const real* u_now, long dof, __global const real* laws,
+                      __global const real* u_now, __global const real* laws,
                       __global const real* of_level, int keep_ways) {
+  const long dof = row->dof;
   __global const real* lanes = row->rows + row->first;
   __global real* region = row->regions + row->first;
   Points u = lanes_of(u_next + dof);
@@ -231,18 +238,17 @@ INLINE void slide_row(const SlideRow* row, const SlideSurfaces* s, __global real
   if (keep_ways) keep_way(way, region);
 }
 
-// What the kernels share: nodes, n_items of them or of rows, and surfaces; what the nodes move in.
+// What the kernels share: what is known of the nodes, and the surfaces.
 #define TLED_SLIDING_ARGUMENTS                                                                     \
-  __global real* restrict u_next, __global real* restrict slide_rows,                              \
-      __global real* restrict slide_regions, __global int* restrict slide_heads,                   \
+  __global real* restrict slide_rows, __global real* restrict slide_regions,                       \
+      __global real* restrict slide_records, __global int* restrict slide_heads,                   \
       __global int* restrict slide_ints, __global int* restrict candidates,                        \
       __global real* restrict candidate_reals, __global const real* restrict triangles,            \
       __global const int* restrict grids, __global const real* restrict grid_reals,                \
       __global const int* restrict cell_begin, __global const int* restrict cell_triangles,        \
-      __global const real* restrict zones, __global const int* restrict triangle_zones,            \
-      int n_items, int keep_ways
+      __global const real* restrict zones, __global const int* restrict triangle_zones
 #define TLED_SLIDE_ARRAYS \
-  {slide_rows, slide_regions, slide_heads, slide_ints, candidates, candidate_reals}
+  {slide_rows, slide_regions, slide_records, slide_heads, slide_ints, candidates, candidate_reals}
 #define TLED_SLIDE_SURFACES \
   {triangles, grids, grid_reals, cell_begin, cell_triangles, zones, triangle_zones}
 
@@ -250,11 +256,13 @@ INLINE void slide_row(const SlideRow* row, const SlideSurfaces* s, __global real
 // vectors. Moves them to their distance in u_next. pose_column: of the step table; -1: surfaces that
 // stand still. has_laws: slide_laws is there. keep_ways: whether the ways back are to be kept, for
 // reactions. has_levels: 0 where all nodes are on level 0.
-__kernel void slide_nodes(TLED_SLIDING_ARGUMENTS, __global const real* restrict u_now,
+__kernel void slide_nodes(TLED_SLIDING_ARGUMENTS, __global real* restrict u_next,
+                          __global const real* restrict u_now,
                           __global const real* restrict slide_laws,
                           __global const int* restrict blocks,
-                          __global const real* restrict step_table, int first_row, int has_laws,
-                          int pose_column, int step_reals, int step_index, int has_levels) {
+                          __global const real* restrict step_table, int n_items, int first_row,
+                          int has_laws, int pose_column, int step_reals, int step_index,
+                          int keep_ways, int has_levels) {
   const int item = (int)get_global_id(0);
   if (item >= n_items) return;
 #if TLED_VECTOR_ROWS
@@ -266,8 +274,7 @@ __kernel void slide_nodes(TLED_SLIDING_ARGUMENTS, __global const real* restrict 
   const SlideArrays arrays = TLED_SLIDE_ARRAYS;
   const SlideSurfaces surfaces = TLED_SLIDE_SURFACES;
   SlideRow row = row_of(&arrays, place, first);
-  const long dof = row.ints[first];
-  const long links = dof / (3 * TLED_LANES) * TLED_BLOCK_INTS;
+  const long links = row.dof / (3 * TLED_LANES) * TLED_BLOCK_INTS;
   const int level = has_levels ? NODE_LEVEL(blocks[links + BLOCK_LEVELS]) : 0;
   __global const real* of_level = step + level * TLED_STEP_LEVEL;
   if (of_level[STEP_DUE] == R(0.0)) return;
@@ -286,38 +293,77 @@ __kernel void slide_nodes(TLED_SLIDING_ARGUMENTS, __global const real* restrict 
 #endif
   __global const real* laws =
       has_laws ? slide_laws + (long)place * TLED_LANES * SLIDE_LAWS + first : 0;
-  slide_row(&row, &surfaces, u_next, u_now, dof, laws, of_level, keep_ways);
+  slide_row(&row, &surfaces, u_next, u_now, laws, of_level, keep_ways);
 }
 
 #if TLED_VECTOR_ROWS
-// After a row kernel that puts its nodes back itself (sliding_plane.cl): the rows that it marked in
-// `looks`. Work-item: TLED_LOOK_ROWS rows. keep_ways: of the other rows too.
-__kernel void look_at_rows(TLED_SLIDING_ARGUMENTS, __global int* restrict looks) {
-  const int begin = (int)get_global_id(0) * TLED_LOOK_ROWS;
-  const int end = begin + TLED_LOOK_ROWS < n_items ? begin + TLED_LOOK_ROWS : n_items;
+// Row kernels put nodes back as soon as a row of blocks is finished: those of surfaces that stand still,
+// without laws and without other conditions on them (csrc/sim/sliding). Rows that have to be looked at
+// wait while what that reads is fetched: first what is known of the nodes that left their balls, with
+// the next row of blocks the zones, with the one after they are looked at.
+#define SLIDING_WAIT 12
+typedef struct {
+  int n_records, n_zones;
+  int records[SLIDING_WAIT], zones[SLIDING_WAIT], lanes[SLIDING_WAIT];
+} SlidingQueue;
+
+INLINE void look_at_row(const SlideArrays* arrays, const SlideSurfaces* surfaces, int place,
+                        __global real* u_next) {
+  const SlideRow row = row_of(arrays, place, 0);
+  slide_row(&row, surfaces, u_next, 0, 0, 0, 0);
+}
+
+// One step on for all that wait.
+OUT_OF_LINE void advance_queue(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
+                               __global real* u_next) {
+  for (int i = 0; i < q->n_zones; ++i) look_at_row(arrays, surfaces, q->zones[i], u_next);
+  for (int i = 0; i < q->n_records; ++i) {
+    const SlideRow row = row_of(arrays, q->records[i], 0);
+    fetch_zones(&row, surfaces, q->lanes[i]);
+    q->zones[i] = q->records[i];
+  }
+  q->n_zones = q->n_records;
+  q->n_records = 0;
+}
+
+// Puts back the rows from `place` on whose blocks are below `end`, all of which are finished.
+OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
+                               int place, int end, __global real* u_next) {
+  if (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);
+  for (;; ++place) {
+    __global const int* head = arrays->heads + place * SLIDE_HEAD;
+    const int block = head[HEAD_BLOCK];
+    if (block >= end) return;
+    __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
+    __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
+    for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS)
+      prefetch_line(lanes + SLIDE_AHEAD * SLIDE_ROWS * TLED_LANES + k);
+    prefetch_line((__global const real*)(head + 4 * SLIDE_AHEAD * SLIDE_HEAD));
+    if (head[SLIDE_AHEAD * SLIDE_HEAD + HEAD_SHAPE] > 1)
+      for (int k = 0; k < 4 * TLED_LANES; k += LINE_REALS)
+        prefetch_line(region + (SLIDE_AHEAD * REGION_ROWS + REGION_ROUND) * TLED_LANES + k);
+    __global real* nodes = u_next + (long)block * (3 * TLED_LANES);
+    const Points u = lanes_of(nodes);
+    const int left = lanes_that_left(lanes, u);
+    if (!left) {
+      put_back(way_back(lanes, region, head[HEAD_SHAPE], u), u, nodes);
+    } else if (q->n_records == SLIDING_WAIT) {
+      look_at_row(arrays, surfaces, place, u_next);
+    } else {
+      const SlideRow row = row_of(arrays, place, 0);
+      fetch_records(&row, left);
+      q->lanes[q->n_records] = left;
+      q->records[q->n_records++] = place;
+    }
+  }
+}
+
+// After a step of such a kernel: the ways back, for reactions. Work-item: a row.
+__kernel void keep_ways_back(TLED_SLIDING_ARGUMENTS, __global const real* restrict u_next, int n_rows) {
+  const int place = (int)get_global_id(0);
+  if (place >= n_rows) return;
   const SlideArrays arrays = TLED_SLIDE_ARRAYS;
-  const SlideSurfaces surfaces = TLED_SLIDE_SURFACES;
-  int marked[TLED_LOOK_ROWS], n = 0;
-  for (int place = begin; place < end; ++place) {
-    if (!looks[place]) continue;
-    looks[place] = 0;
-    marked[n++] = place;
-    const SlideRow row = row_of(&arrays, place, 0);
-    fetch_row(&row);
-    fetch_places(&row);
-    fetch_nodes(&row, u_next);
-  }
-  for (int i = 0; i < n; ++i) {
-    const SlideRow row = row_of(&arrays, marked[i], 0);
-    fetch_zones(&row, &surfaces, u_next);
-  }
-  for (int i = 0; i < n; ++i) {
-    const SlideRow row = row_of(&arrays, marked[i], 0);
-    slide_row(&row, &surfaces, u_next, 0, row.ints[0], 0, 0, 0);
-  }
-  for (int place = begin; keep_ways && place < end; ++place) {
-    const SlideRow row = row_of(&arrays, place, 0);
-    keep_way(way_back(row.rows, row.regions, *row.shape, lanes_of(u_next + row.ints[0])), row.regions);
-  }
+  const SlideRow row = row_of(&arrays, place, 0);
+  keep_way(way_back(row.rows, row.regions, *row.shape, lanes_of(u_next + row.dof)), row.regions);
 }
 #endif

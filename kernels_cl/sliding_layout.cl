@@ -10,7 +10,8 @@
 #define SLIDE_TARGET 7    // plane: normal . u at the distance to keep, m; edge, corner: that distance
 
 #define REGION_ROWS 32
-#define REGION_ALONG 0    // 3: way back for each metre off the distance: the normal where all may move
+#define REGION_ALONG 0    // 3: way back for each metre off the distance, where the row has held lanes;
+                          // after a step that keeps them everywhere
 #define REGION_ANCHOR 3   // 3: displacement when level 3 was last run, m
 #define REGION_RADIUS 6   // of the region's ball, m
 #define REGION_BORDERS 7  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
@@ -21,13 +22,19 @@
 #define REGION_ROUND 28   // 0 plane; edge, corner: 1 before the surface, -1 behind
 #define REGION_ON 29      // 3: edge, corner: a point of it less the reference position, m
 
-// slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors; one more ends them.
+// slide_records[node * RECORD_REALS + ...]: what a look at one node reads, in one line of the cache.
+#define RECORD_REALS 8
+#define RECORD_PLACE 0     // 3: as REGION_PLACE
+#define RECORD_DISTANCE 3  // as REGION_DISTANCE
+#define RECORD_NEXT 4      // zone behind its nearest border: what is likely next; -1: none
+
+// slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors; 1 + SLIDE_AHEAD more end them.
 #define SLIDE_HEAD 2
 #define HEAD_BLOCK 0  // whose nodes they are
 #define HEAD_SHAPE 1  // as SLIDE_SHAPE
 
-// Rows of nodes that a work-item of look_at_rows goes through.
-#define TLED_LOOK_ROWS 64
+// Rows of nodes whose memory row kernels fetch ahead of the one at hand: a row of blocks has but a few.
+#define SLIDE_AHEAD 6
 
 // slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]. Where rows are vectors the nodes of
 // a row are those of one block, lane by lane.
@@ -62,14 +69,14 @@
 #define TRIANGLE_VERTICES 21  // 9
 #define TRIANGLE_BALL 30    // 4: a ball that holds it: centre, radius
 
-// zones[zone * ZONE_REALS + ...] (sliding_zone.cl), and triangle_zones[triangle * TRIANGLE_ZONES + ...]:
+// zones[zone * ZONE_UNIT + ...] (sliding_zone.cl): as many units as its borders need; and triangle_zones[triangle * TRIANGLE_ZONES + ...]:
 // of nodes before it the face's and those of edges 0-1, 1-2, 2-0, then of nodes behind it; -1: none.
-#define ZONE_REALS 88
+#define ZONE_UNIT 8
 #define ZONE_COUNT 0      // of borders
 #define ZONE_ROUND 1      // as REGION_ROUND
 #define ZONE_ON 2         // 3: a corner of the face, an end of the edge
 #define ZONE_DIRECTION 5  // 3: normal of the face, direction of the edge
-#define ZONE_BORDER 8     // ZONE_BORDER_REALS * ZONE_MOST_BORDERS
+#define ZONE_BORDER 8     // ZONE_BORDER_REALS a border, of at most ZONE_MOST_BORDERS
 #define ZONE_MOST_BORDERS 16
 #define ZONE_BORDER_REALS 5  // unit normal, outward; limit, m; number of the zone behind, -1: none is known
 #define TRIANGLE_ZONES 8

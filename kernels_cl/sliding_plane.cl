@@ -1,9 +1,5 @@
 // Level 1 of sliding.cl: a row of nodes on the surfaces that are known for its places, planes and what
-// is round about edges and corners. In the row kernels it is done as soon as a row's nodes are
-// finished, while they are in the nearest cache.
-
-// Reals of a line of the cache.
-#define LINE_REALS (64 / (int)sizeof(real))
+// is round about edges and corners.
 
 typedef struct { realv x, y, z; } Points;
 INLINE Points lanes_of(__global const real* rows) {
@@ -15,12 +11,12 @@ INLINE Points lanes_of(__global const real* rows) {
 }
 INLINE realv lanes_inner(Points a, Points b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
-// Whether all nodes of a row (of slide_rows) are where its surfaces are known to hold.
-INLINE int all_stay(__global const real* lanes, Points seen) {
+// Nodes of a row (of slide_rows) that are no longer where its surfaces are known to hold: lanes, as bits.
+INLINE int lanes_that_left(__global const real* lanes, Points seen) {
   const Points last = lanes_of(lanes + SLIDE_SEEN * TLED_LANES);
   const Points way = {seen.x - last.x, seen.y - last.y, seen.z - last.z};
   const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES);
-  return all_below(lanes_inner(way, way), slack * slack);
+  return lanes_not_below(lanes_inner(way, way), slack * slack);
 }
 
 // How far off their distance nodes are, which way is back, and the unit normal.
@@ -65,37 +61,3 @@ INLINE void put_back(WayBack way, Points u, __global real* nodes) {
   store_lanes(u.y + way.off * way.back.y, nodes + TLED_LANES);
   store_lanes(u.z + way.off * way.back.z, nodes + 2 * TLED_LANES);
 }
-
-#if TLED_VECTOR_ROWS
-// Rows of sliding nodes that a row kernel puts back itself: those of surfaces that stand still, without
-// laws and without other conditions on their nodes (csrc/sim/sliding).
-typedef struct {
-  __global const real *rows, *regions;
-  __global const int* heads;
-  __global int* looks;
-} SlidingRows;
-
-// Rows whose memory is fetched ahead of the one at hand: a row of blocks has but a few.
-#define SLIDING_AHEAD 6
-
-// Puts back the rows from `row` on whose blocks are below `end`, all of which are finished; those that
-// left their balls are marked instead, for look_at_rows of sliding.cl.
-OUT_OF_LINE void put_rows_back(const SlidingRows* s, int row, int end, __global real* u_next) {
-  for (;; ++row) {
-    __global const int* head = s->heads + row * SLIDE_HEAD;
-    const int block = head[HEAD_BLOCK];
-    if (block >= end) return;
-    __global const real* lanes = s->rows + (long)row * (SLIDE_ROWS * TLED_LANES);
-    for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS)
-      prefetch_line(lanes + SLIDING_AHEAD * SLIDE_ROWS * TLED_LANES + k);
-    __global real* nodes = u_next + (long)block * (3 * TLED_LANES);
-    const Points u = lanes_of(nodes);
-    if (!all_stay(lanes, u)) {
-      s->looks[row] = 1;
-      continue;
-    }
-    put_back(way_back(lanes, s->regions + (long)row * (REGION_ROWS * TLED_LANES), head[HEAD_SHAPE], u), u,
-             nodes);
-  }
-}
-#endif

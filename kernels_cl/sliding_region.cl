@@ -94,23 +94,32 @@ INLINE int beside_edge(__global const real* triangle, Point a, Point b, Point al
   return 0;
 }
 
+// A node and what is known of it: its lane of the rows of lanes.
+typedef struct {
+  int surface, free, row_shape, lane;
+  __global real *rows, *region, *record;
+  __global int *zone, *candidates;
+  __global real* candidate_reals;
+} SlideNode;
+
 // Levels 3 and 4 for one node at displacement u, at p: its surface, its zone and how far that holds.
-// rows: of its lane. The result says whether it is on an edge or corner.
-OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, Point p, int surface, int free,
-                             __global real* rows, __global real* region_rows,
-                             __global int* candidates, __global real* reals, int* zone,
+// The result says whether it is on an edge or corner.
+OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int* zone,
                              real* left, int* nearest) {
-  const Point X = {region_rows[REGION_PLACE * TLED_LANES], region_rows[(REGION_PLACE + 1) * TLED_LANES],
-                   region_rows[(REGION_PLACE + 2) * TLED_LANES]};
+  __global int* candidates = node->candidates;
+  __global real *reals = node->candidate_reals, *region_rows = node->region;
   *zone = -1;
   *left = R(0.0);
   Point off = minus(p, point_at(reals));
   real moved = square_root_of(inner(off, off));
   if (!(moved < reals[3])) {
-    seek_candidates(s, surface, p, candidates, reals);
+    seek_candidates(s, node->surface, p, candidates, reals);
     moved = R(0.0);
   }
   const int count = candidates[0];
+  for (int k = 0; k < count && k < 8; ++k)
+    for (int line = 0; line < TRIANGLE_NORMAL + 3; line += LINE_REALS)
+      prefetch_line(s->triangles + (long)candidates[1 + k] * TRIANGLE_REALS + line);
   // A candidate is at least as far as it was, less the way since.
   real known[SLIDE_MOST];
   int n_known = 0, face = -1;
@@ -133,12 +142,12 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, Point p, int surfa
   }
   if (face < 0) return 0;  // no number is near anything
   if (best.feature < 4) {
-    const int behind = region_rows[REGION_DISTANCE * TLED_LANES] < R(0.0);
+    const int behind = node->record[RECORD_DISTANCE] < R(0.0);
     const int part = (behind ? TRIANGLE_ZONES / 2 : 0) + best.feature;
-    *zone = zone_of(s, s->triangle_zones[(long)face * TRIANGLE_ZONES + part], p, free, left, nearest);
+    *zone = zone_of(s, s->triangle_zones[(long)face * TRIANGLE_ZONES + part], p, node->free, left, nearest);
     if (*zone >= 0) {
-      const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_REALS, p);
-      write_shape(shape, X, free, rows, region_rows);
+      const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_UNIT, p);
+      write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows, region_rows);
       return shape.round != R(0.0);
     }
   }
@@ -167,7 +176,7 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, Point p, int surfa
     n = has_way ? times(side / distance, away) : pseudo;
     on = best.at;
     // Held components, and no way: a plane for this step alone.
-    if (free == 7 && has_way) {
+    if (node->free == 7 && has_way) {
       round = side;
       hold_within(&region, distance);
       if (best.feature < 4) {
@@ -275,7 +284,7 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, Point u, Point p, int surfa
   const real values[4] = {u.x, u.y, u.z, radius};
   for (int k = 0; k < 4; ++k) region_rows[(REGION_ANCHOR + k) * TLED_LANES] = values[k];
   const SlideShape shape = {round != R(0.0) ? axis : n, on, n, round};
-  write_shape(shape, X, free, rows, region_rows);
+  write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows, region_rows);
   *left = slack;
   return round != R(0.0);
 }
@@ -297,39 +306,39 @@ INLINE real left_in_region(__global const real* region, Point u) {
 
 // Looks at a node at displacement u that may have left its zone or region. The result says whether
 // it is on an edge or corner.
-OUT_OF_LINE int look_at_node(const SlideSurfaces* s, Point u, int surface, int free,
-                             __global real* rows, __global real* region, __global int* zone,
-                             __global int* candidates, __global real* candidate_reals) {
-  const Point X = {region[REGION_PLACE * TLED_LANES], region[(REGION_PLACE + 1) * TLED_LANES],
-                   region[(REGION_PLACE + 2) * TLED_LANES]};
+OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Point u) {
+  __global real* record = node->record;
+  const Point X = point_at(record + RECORD_PLACE);
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
   // A state that has run away is for the watch to report, not to be sought for.
   const real square = inner(p, p);
   if (!(square < LOST * LOST)) return 0;
-  const int before = *zone;
+  const int before = *node->zone;
   real left = R(0.0);
-  int nearest = 0, now = zone_of(s, before, p, free, &left, &nearest), round;
+  int nearest = 0, now = zone_of(s, before, p, node->free, &left, &nearest), round;
   if (now >= 0) {
-    __global const real* in = s->zones + (long)now * ZONE_REALS;
+    __global const real* in = s->zones + (long)now * ZONE_UNIT;
     round = in[ZONE_ROUND] != R(0.0);
-    if (now != before) write_shape(shape_of_zone(in, p), X, free, rows, region);
+    if (now != before)
+      write_shape(shape_of_zone(in, p), record, node->free, node->row_shape, node->lane, node->rows,
+                  node->region);
   } else {
-    left = before < 0 ? left_in_region(region, u) : R(0.0);
-    round = region[REGION_ROUND * TLED_LANES] != R(0.0);
-    if (!(left > R(0.0)))
-      round = find_surface(s, u, p, surface, free, rows, region, candidates, candidate_reals, &now,
-                           &left, &nearest);
+    left = before < 0 ? left_in_region(node->region, u) : R(0.0);
+    round = node->row_shape >> (node->lane + 1) & 1;
+    if (!(left > R(0.0))) round = find_surface(s, node, u, p, &now, &left, &nearest);
   }
-  *zone = now;
+  if (now != before) *node->zone = now;
   Point middle = u;
   if (now >= 0) {
-    __global const real* in = s->zones + (long)now * ZONE_REALS;
+    __global const real* in = s->zones + (long)now * ZONE_UNIT;
+    __global const real* border = in + ZONE_BORDER + nearest * ZONE_BORDER_REALS;
     const real ball = ball_in_zone(in, p, nearest, left);
-    middle = plus_scaled(u, left - ball, point_at(in + ZONE_BORDER + nearest * ZONE_BORDER_REALS));
+    middle = plus_scaled(u, left - ball, point_at(border));
     // A little less, for rounding.
     left = R(0.99999) * ball - FLAT * square_root_of(square);
+    record[RECORD_NEXT] = border[4];
   }
   const real values[4] = {middle.x, middle.y, middle.z, left > R(0.0) ? left : R(0.0)};
-  for (int k = 0; k < 4; ++k) rows[(SLIDE_SEEN + k) * TLED_LANES] = values[k];
+  for (int k = 0; k < 4; ++k) node->rows[(SLIDE_SEEN + k) * TLED_LANES] = values[k];
   return round;
 }

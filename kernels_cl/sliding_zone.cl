@@ -25,7 +25,7 @@ INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
 // sought.
 INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* left, int* nearest) {
   for (int hop = 0; hop <= MOST_HOPS && zone >= 0; ++hop) {
-    __global const real* in = s->zones + (long)zone * ZONE_REALS;
+    __global const real* in = s->zones + (long)zone * ZONE_UNIT;
     *nearest = 0;
     *left = left_in_zone(in, p, nearest);
     // Held components: on an edge the plane is one for this step alone.
@@ -59,24 +59,29 @@ typedef struct {
   real round;
 } SlideShape;
 
-INLINE void write_shape(SlideShape shape, Point X, int free, __global real* rows,
-                        __global real* region_rows) {
-  const real keep = region_rows[REGION_DISTANCE * TLED_LANES];
-  const Point to = minus(shape.on, X), n = shape.normal;
-  // The way back in the components that may move.
-  Point along = {free & 1 ? n.x : R(0.0), free & 2 ? n.y : R(0.0), free & 4 ? n.z : R(0.0)};
-  const real share = inner(along, n);
-  along = times(free == 7 ? R(1.0) : share > R(0.01) ? R(1.0) / share : R(0.0), along);
+// row_shape: as it was (HEAD_SHAPE, SLIDE_SHAPE), of `lane`. What planes in free rows never read is left alone.
+INLINE void write_shape(SlideShape shape, __global const real* record, int free, int row_shape, int lane,
+                        __global real* rows, __global real* region_rows) {
+  const real keep = record[RECORD_DISTANCE];
+  const Point to = minus(shape.on, point_at(record + RECORD_PLACE)), n = shape.normal;
   const real values[4] = {shape.n.x, shape.n.y, shape.n.z,
                           shape.round != R(0.0) ? keep : keep + inner(n, to)};
   for (int k = 0; k < 4; ++k) rows[(SLIDE_NORMAL + k) * TLED_LANES] = values[k];
-  region_rows[REGION_ALONG * TLED_LANES] = along.x;
-  region_rows[(REGION_ALONG + 1) * TLED_LANES] = along.y;
-  region_rows[(REGION_ALONG + 2) * TLED_LANES] = along.z;
-  region_rows[REGION_ROUND * TLED_LANES] = shape.round;
-  region_rows[REGION_ON * TLED_LANES] = to.x;
-  region_rows[(REGION_ON + 1) * TLED_LANES] = to.y;
-  region_rows[(REGION_ON + 2) * TLED_LANES] = to.z;
+  if (row_shape & 1) {
+    // The way back in the components that may move.
+    Point along = {free & 1 ? n.x : R(0.0), free & 2 ? n.y : R(0.0), free & 4 ? n.z : R(0.0)};
+    const real share = inner(along, n);
+    along = times(free == 7 ? R(1.0) : share > R(0.01) ? R(1.0) / share : R(0.0), along);
+    region_rows[REGION_ALONG * TLED_LANES] = along.x;
+    region_rows[(REGION_ALONG + 1) * TLED_LANES] = along.y;
+    region_rows[(REGION_ALONG + 2) * TLED_LANES] = along.z;
+  }
+  if (shape.round != R(0.0) || row_shape >> (lane + 1) & 1) {
+    region_rows[REGION_ROUND * TLED_LANES] = shape.round;
+    region_rows[REGION_ON * TLED_LANES] = to.x;
+    region_rows[(REGION_ON + 1) * TLED_LANES] = to.y;
+    region_rows[(REGION_ON + 2) * TLED_LANES] = to.z;
+  }
 }
 
 // The surface of a zone for a node at p.

@@ -10,6 +10,9 @@
 namespace tledface {
 namespace {
 
+// Of each zone while zones are made; the kernels' are packed.
+constexpr std::size_t kZoneReals = ZONE_BORDER + ZONE_BORDER_REALS * ZONE_MOST_BORDERS;
+
 // Faces at a smaller angle than this, rad, are one plane.
 constexpr double kFlat = 1e-7;
 // Of an edge sharper than this cosine of half the angle between its normals there is no zone.
@@ -180,7 +183,7 @@ class SideZones {
   }
 
   void make() {
-    base_ = static_cast<std::int32_t>(zones_.reals.size() / ZONE_REALS);
+    base_ = static_cast<std::int32_t>(zones_.reals.size() / kZoneReals);
     neighbour_.assign(3 * std::size_t(n_), -1);
     std::vector<Space> faces(n_);
     parallel_for_chunks(n_, 64, [&](std::size_t begin, std::size_t end) {
@@ -199,11 +202,11 @@ class SideZones {
         edges.push_back({t, other, k, back});
       }
     const std::size_t count = n_ + edges.size();
-    zones_.reals.resize((base_ + count) * ZONE_REALS, 0.0);
+    zones_.reals.resize((base_ + count) * kZoneReals, 0.0);
     parallel_for_chunks(count, 64, [&](std::size_t begin, std::size_t end) {
       for (std::size_t z = begin; z < end; ++z) {
         Space space = z < std::size_t(n_) ? std::move(faces[z]) : edge(edges[z - n_]);
-        double* reals = &zones_.reals[(base_ + z) * ZONE_REALS];
+        double* reals = &zones_.reals[(base_ + z) * kZoneReals];
         const auto put = [&](int at, const Vec3& v) {
           for (int a = 0; a < 3; ++a) reals[at + a] = v[a];
         };
@@ -398,6 +401,29 @@ class SideZones {
   std::vector<std::int32_t> neighbour_;  // behind each side; -1: none or several
 };
 
+// Each zone in as many units as it has borders for: most have a third of the most, and what a look
+// at a node waits for is their memory. Zones are then known by their first unit.
+void pack(Zones& zones) {
+  const std::size_t count = zones.reals.size() / kZoneReals;
+  std::vector<std::int32_t> first(count + 1, 0);
+  const auto used = [&](std::size_t z) {
+    return ZONE_BORDER +
+           ZONE_BORDER_REALS * static_cast<std::size_t>(zones.reals[z * kZoneReals + ZONE_COUNT]);
+  };
+  for (std::size_t z = 0; z < count; ++z)
+    first[z + 1] = first[z] + static_cast<std::int32_t>((used(z) + ZONE_UNIT - 1) / ZONE_UNIT);
+  std::vector<double> packed(static_cast<std::size_t>(first[count]) * ZONE_UNIT, 0.0);
+  for (std::size_t z = 0; z < count; ++z) {
+    double* reals = &packed[std::size_t(first[z]) * ZONE_UNIT];
+    std::copy_n(&zones.reals[z * kZoneReals], used(z), reals);
+    for (std::size_t at = ZONE_BORDER + 4; at < used(z); at += ZONE_BORDER_REALS)
+      if (reals[at] >= 0) reals[at] = first[static_cast<std::size_t>(reals[at])];
+  }
+  zones.reals = std::move(packed);
+  for (std::int32_t& zone : zones.of_triangle)
+    if (zone >= 0) zone = first[zone];
+}
+
 }  // namespace
 
 Zones make_zones(const SurfaceGrids& surfaces, const std::vector<std::array<double, 2>>& reach,
@@ -408,6 +434,7 @@ Zones make_zones(const SurfaceGrids& surfaces, const std::vector<std::array<doub
     for (const bool behind : {false, true})
       if (reach[surface][behind] > 0)
         SideZones(surfaces, surface, behind, reach[surface][behind], rounding, zones).make();
+  pack(zones);
   return zones;
 }
 

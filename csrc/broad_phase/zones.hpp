@@ -11,7 +11,7 @@
 namespace tledface {
 
 struct Zones {
-  std::vector<double> reals;              // ZONE_REALS a zone
+  std::vector<double> reals;              // units of ZONE_UNIT; a zone is known by its first
   std::vector<std::int32_t> of_triangle;  // TRIANGLE_ZONES a triangle; -1: none
 };
 

@@ -85,7 +85,7 @@ class RowsPath final : public ForcePath {
       step_sliding_[parity] = make_kernel("step_sliding_" + step_form(arrays_, options_), parity);
       step_sliding_[parity]->set_arg(kRowsRows, *sliding_rows_);
       unsigned index = kRowsSliding;
-      for (const Buffer* buffer : {sliding.rows, sliding.regions, sliding.heads, sliding.looks})
+      for (const Buffer* buffer : sliding.arguments)
         step_sliding_[parity]->set_arg(index++, *buffer);
     }
     return true;

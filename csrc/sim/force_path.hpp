@@ -32,9 +32,9 @@ struct ForcePathOptions {
   std::int32_t step_reals = 0;
 };
 
-// Rows of sliding nodes that kernels can put back themselves (kernels_cl/sliding_plane.cl).
+// Rows of sliding nodes that kernels can put back themselves (kernels_cl/sliding.cl).
 struct SlidingRowBuffers {
-  const Buffer *rows, *regions, *heads, *looks;
+  std::vector<const Buffer*> arguments;     // TLED_SLIDING_ARGUMENTS
   const std::vector<std::int32_t>* blocks;  // of each row, ascending
 };
 
@@ -46,8 +46,8 @@ class ForcePath {
   // A step from u[now] into u[1 - now], with row `index` of the step table, of the blocks up to
   // level `highest`; -1: of all.
   virtual void enqueue_step(int now, std::int32_t index, int highest) = 0;
-  // The same of all, after which sliding nodes are where they belong but for rows that are marked.
-  // Only where fuse_sliding said so.
+  // The same of all, after which sliding nodes are where they belong; only where fuse_sliding said
+  // so.
   virtual bool fuse_sliding(const SlidingRowBuffers& sliding) {
     static_cast<void>(sliding);
     return false;

@@ -183,8 +183,7 @@ void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput&
       enqueue_step(static_cast<std::int32_t>(i), -1);
       relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i));
       if (sliding_)
-        sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == steps.size(),
-                          false);
+        sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == steps.size());
       now_ = 1 - now_;
     }
     done += batch;

@@ -273,14 +273,16 @@ void Simulator::step(std::size_t n, const StepInput& input) {
     for (std::size_t i = 0; i < batch; ++i) {
       const auto index = static_cast<std::int32_t>(i);
       const int highest = highest_due(i);
+      // Normals are those of each node's last step.
+      const bool keep_normals = done + i + substeps >= n;
       if (fuses_sliding()) {
         path_->enqueue_sliding_step(now_, index);
         conditions_->enqueue(now_, index);
+        if (keep_normals) sliding_->enqueue_normals(1 - now_);
       } else {
         enqueue_step(index, highest);
+        if (sliding_) sliding_->enqueue(1 - now_, index, keep_normals);
       }
-      // Normals are those of each node's last step.
-      if (sliding_) sliding_->enqueue(1 - now_, index, done + i + substeps >= n, fuses_sliding());
       path_->enqueue_swap(highest);
       now_ = 1 - now_;
     }

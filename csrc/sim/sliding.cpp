@@ -13,11 +13,11 @@ namespace tledface {
 namespace {
 
 // Work-items a group; on the native device, a reason to deal them out in chunks.
-constexpr std::size_t kGroup = 64, kLookGroup = 4;
+constexpr std::size_t kGroup = 64;
 // First byte of a state: what follows is laid out as by this version of the kernels.
 constexpr std::uint8_t kLayout = 3;
 // Where the kernel takes the index of the step in the table.
-constexpr unsigned kItems = 14, kKeepWays = 15, kLooks = 16, kStepIndex = 24, kHasLevels = 25;
+constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 
 void write_reals(Buffer& buffer, const std::vector<double>& values, Precision precision) {
   if (precision == Precision::kDouble) {
@@ -158,11 +158,13 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   std::vector<double> regions(n_rows_ * REGION_ROWS * lanes, 0.0);
   std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
   std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes, 0);
-  std::vector<std::int32_t> heads((n_rows_ + 1) * SLIDE_HEAD, 0);
+  std::vector<double> records(n_rows_ * RECORD_REALS * lanes, -1.0);
+  std::vector<std::int32_t> heads((n_rows_ + 1 + SLIDE_AHEAD) * SLIDE_HEAD, 0);
   if (vector_rows)
     for (std::size_t row = 0; row < n_rows_; ++row)
       heads[row * SLIDE_HEAD + HEAD_BLOCK] = block_of_row_[row];
-  heads[n_rows_ * SLIDE_HEAD + HEAD_BLOCK] = std::numeric_limits<std::int32_t>::max();
+  for (std::size_t row = n_rows_; row <= n_rows_ + SLIDE_AHEAD; ++row)
+    heads[row * SLIDE_HEAD + HEAD_BLOCK] = std::numeric_limits<std::int32_t>::max();
   const auto empty = static_cast<std::int32_t>(std::size_t(arrays.n_blocks) * 3 * lanes);
   for (std::size_t place = 0; place < node_at.size(); ++place) {
     const std::size_t row = place / lanes, lane = place % lanes;
@@ -192,6 +194,8 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     std::int32_t free = 0;
     for (int a = 0; a < 3; ++a) {
       put(REGION_PLACE + a, at[arrays.order[a]] - centre_[arrays.order[a]]);
+      records[place * RECORD_REALS + RECORD_PLACE + a] =
+          at[arrays.order[a]] - centre_[arrays.order[a]];
       if (model.fixed[3 * node + arrays.order[a]]) continue;
       free |= 1 << a;
       if (has_laws_) put_law(SLIDE_MAY + a, 1);
@@ -202,13 +206,14 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       if (vector_rows) heads[row * SLIDE_HEAD + HEAD_SHAPE] |= 1;
     }
     put(REGION_DISTANCE, given.distance[i]);
+    records[place * RECORD_REALS + RECORD_DISTANCE] = given.distance[i];
     if (!given.friction.empty() && has_laws_) put_law(SLIDE_FRICTION, given.friction[i]);
     if (!given.release.empty() && has_laws_) put_law(SLIDE_RELEASE, given.release[i] ? 1 : 0);
   }
   rows_ = reals(unknown_rows(regions, lanes));
   regions_ = reals(regions);
+  records_ = reals(records);
   heads_ = integers(heads);
-  looks_ = integers(std::vector<std::int32_t>(n_rows_, 0));
   ints_ = integers(ints);
   laws_ = reals(laws);
   candidates_ = integers(std::vector<std::int32_t>(n_rows_ * lanes * SLIDE_CANDIDATES, 0));
@@ -225,12 +230,21 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   for (Group& group : groups_)
     for (auto& kernel : group.kernel) kernel = program.kernel("slide_nodes");
   if (vector_rows)
-    for (auto& kernel : look_) kernel = program.kernel("look_at_rows");
+    for (auto& kernel : keep_ways_) kernel = program.kernel("keep_ways_back");
 }
 
 std::optional<SlidingRowBuffers> Sliding::row_buffers() const {
   if (!vector_rows_ || has_laws_) return std::nullopt;
-  return SlidingRowBuffers{rows_.get(), regions_.get(), heads_.get(), looks_.get(), &block_of_row_};
+  return SlidingRowBuffers{arguments(), &block_of_row_};
+}
+
+std::vector<const Buffer*> Sliding::arguments() const {
+  std::vector<const Buffer*> result;
+  for (const auto* buffer :
+       {&rows_, &regions_, &records_, &heads_, &ints_, &candidates_, &candidate_reals_, &triangles_,
+        &grids_, &grid_reals_, &cell_begin_, &cell_triangles_, &zones_, &triangle_zones_})
+    result.push_back(buffer->get());
+  return result;
 }
 
 void Sliding::fill_poses(const double* values, double* columns) const {
@@ -261,32 +275,27 @@ std::unique_ptr<Buffer> Sliding::integers(const std::vector<std::int32_t>& value
 
 void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buffer& step_table,
                    std::int32_t step_reals) {
-  const auto bind_nodes = [&](Kernel& kernel, const Buffer& next, std::size_t n_items) {
+  const auto bind_nodes = [&](Kernel& kernel, const Buffer& next) {
     unsigned index = 0;
+    for (const Buffer* buffer : arguments()) kernel.set_arg(index++, *buffer);
     kernel.set_arg(index++, next);
-    for (const auto& buffer :
-         {&rows_, &regions_, &heads_, &ints_, &candidates_, &candidate_reals_, &triangles_, &grids_,
-          &grid_reals_, &cell_begin_, &cell_triangles_, &zones_, &triangle_zones_})
-      kernel.set_arg(index++, **buffer);
-    kernel.set_arg(index++, static_cast<std::int32_t>(n_items));
-    kernel.set_arg(index++, std::int32_t(0));
     return index;
   };
   for (int parity = 0; parity < 2; ++parity) {
     for (Group& group : groups_) {
       Kernel& kernel = *group.kernel[parity];
-      unsigned index = bind_nodes(kernel, *u[parity], group.n_items);
+      unsigned index = bind_nodes(kernel, *u[parity]);
       for (const Buffer* buffer :
            {u[1 - parity], static_cast<const Buffer*>(laws_.get()), &blocks, &step_table})
         kernel.set_arg(index++, *buffer);
-      for (const auto value : {static_cast<std::int32_t>(group.first_row), std::int32_t(has_laws_),
-                               group.pose_column, step_reals})
+      for (const auto value :
+           {static_cast<std::int32_t>(group.n_items), static_cast<std::int32_t>(group.first_row),
+            std::int32_t(has_laws_), group.pose_column, step_reals})
         kernel.set_arg(index++, value);
     }
-    if (look_[parity]) {
-      bind_nodes(*look_[parity], *u[parity], n_rows_);
-      look_[parity]->set_arg(kLooks, *looks_);
-    }
+    if (keep_ways_[parity])
+      keep_ways_[parity]->set_arg(bind_nodes(*keep_ways_[parity], *u[parity]),
+                                  static_cast<std::int32_t>(n_rows_));
   }
   set_has_levels(false);
 }
@@ -296,18 +305,15 @@ void Sliding::set_has_levels(bool has_levels) {
     for (auto& kernel : group.kernel) kernel->set_arg(kHasLevels, std::int32_t(has_levels));
 }
 
-void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals, bool marked) {
-  if (marked) {
-    look_[next]->set_arg(kKeepWays, std::int32_t(keep_normals));
-    look_[next]->enqueue((n_rows_ + TLED_LOOK_ROWS - 1) / TLED_LOOK_ROWS, kLookGroup);
-    return;
-  }
+void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   for (Group& group : groups_) {
     group.kernel[next]->set_arg(kStepIndex, step_index);
     group.kernel[next]->set_arg(kKeepWays, std::int32_t(keep_normals));
     group.kernel[next]->enqueue(group.n_items, kGroup);
   }
 }
+
+void Sliding::enqueue_normals(int next) { keep_ways_[next]->enqueue(n_rows_, kGroup); }
 
 std::array<Buffer*, 6> Sliding::known() const {
   return {rows_.get(), regions_.get(),    heads_.get(),

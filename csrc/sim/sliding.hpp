@@ -50,8 +50,10 @@ class Sliding {
   // What a row kernel needs to put these nodes back itself; none where rows are no vectors, where
   // surfaces move, rub or let go.
   std::optional<SlidingRowBuffers> row_buffers() const;
-  // keep_normals: for normals(). After enqueue_sliding_step only what was marked: `marked`.
-  void enqueue(int next, std::int32_t step_index, bool keep_normals, bool marked);
+  // keep_normals: for normals().
+  void enqueue(int next, std::int32_t step_index, bool keep_normals);
+  // The same for normals() alone, after a step of kernels that put the nodes back themselves.
+  void enqueue_normals(int next);
   // Regions and candidates, as they lie on this device; see RawState.
   std::vector<std::uint8_t> state() const;
   void set_state(const std::vector<std::uint8_t>& state);
@@ -73,7 +75,8 @@ class Sliding {
   std::unique_ptr<Buffer> reals(const std::vector<double>& values);
   std::unique_ptr<Buffer> integers(const std::vector<std::int32_t>& values);
   std::vector<double> read_regions() const;
-  std::array<Buffer*, 6> known() const;  // arrays of what state() holds
+  std::array<Buffer*, 6> known() const;          // arrays of what state() holds
+  std::vector<const Buffer*> arguments() const;  // TLED_SLIDING_ARGUMENTS
   std::vector<std::int32_t> read(const Buffer& buffer) const;
 
   Device& device_;
@@ -86,8 +89,8 @@ class Sliding {
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
   std::vector<Group> groups_;
   std::vector<std::int32_t> block_of_row_;  // where rows are vectors
-  std::unique_ptr<Kernel> look_[2];
-  std::unique_ptr<Buffer> rows_, regions_, heads_, looks_, ints_, laws_, candidates_,
+  std::unique_ptr<Kernel> keep_ways_[2];
+  std::unique_ptr<Buffer> rows_, regions_, records_, heads_, ints_, laws_, candidates_,
       candidate_reals_, triangles_, grids_, grid_reals_, cell_begin_, cell_triangles_, zones_,
       triangle_zones_;
 };

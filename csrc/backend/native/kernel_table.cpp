@@ -93,7 +93,7 @@ constexpr KernelEntry kEntries[] = {
     TLED_ENTRY(step_sliding_physical),
     TLED_ENTRY(step_sliding_cubes),
     TLED_ENTRY(step_sliding_kappa),
-    TLED_ENTRY(look_at_rows),
+    TLED_ENTRY(keep_ways_back),
     TLED_ENTRY(grid_nearest),
     TLED_ENTRY(roofline_axpy),
     TLED_ENTRY(roofline_copy),

@@ -42,17 +42,22 @@ inline realv gather_lanes(const real* p, const int* at) {
   return v;
 }
 inline void prefetch_line(const real* p) { __builtin_prefetch(p, 1); }
-inline int all_below(realv a, realv b) {
-#if defined(__AVX2__) && !defined(__AVX512F__)  // the loop below is not recognised
-  return sizeof(real) == 4 ? _mm256_movemask_ps((__m256)(a < b)) == 0xff
-                           : _mm256_movemask_pd((__m256d)(a < b)) == 0xf;
+// The lanes of which a is not below b, as bits.
+inline int lanes_not_below(realv a, realv b) {
+#if defined(__AVX512F__)  // the loop below is not recognised
+  return sizeof(real) == 4 ? _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_NLT_UQ)
+                           : _mm512_cmp_pd_mask((__m512d)a, (__m512d)b, _CMP_NLT_UQ);
+#elif defined(__AVX2__)
+  return sizeof(real) == 4 ? _mm256_movemask_ps((__m256)(a < b)) ^ 0xff
+                           : _mm256_movemask_pd((__m256d)(a < b)) ^ 0xf;
 #else
   const auto below = a < b;
-  int all = 1;
-  for (int lane = 0; lane < TLED_LANES; ++lane) all &= below[lane] != 0;
-  return all;
+  int bits = 0;
+  for (int lane = 0; lane < TLED_LANES; ++lane) bits |= (below[lane] == 0) << lane;
+  return bits;
 #endif
 }
+inline int all_below(realv a, realv b) { return lanes_not_below(a, b) == 0; }
 
 #if TLED_LANES == 16
 inline realv next_lanes(realv own, realv next) {
