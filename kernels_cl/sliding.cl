@@ -117,16 +117,28 @@ INLINE void fetch_records(const SlideRow* row, int lanes) {
   for (int lane = 0; lane < TLED_LANES; ++lane)
     if (lanes >> lane & 1) prefetch_line(row->records + lane * RECORD_REALS);
 }
-INLINE void fetch_zone(const SlideSurfaces* s, int zone) {
-  if (zone < 0) return;
-  __global const real* in = s->zones + (long)zone * ZONE_UNIT;
-  for (int k = 0; k < ZONE_BORDER + 6 * ZONE_BORDER_REALS; k += LINE_REALS) prefetch_line(in + k);
-}
-INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes) {
+// Of nodes that crossed the border they were nearest to the zone behind.
+INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
+                        __global const real* u) {
   for (int lane = 0; lane < TLED_LANES; ++lane) {
     if (!(lanes >> lane & 1)) continue;
-    fetch_zone(s, row->ints[SLIDE_ZONE * TLED_LANES + lane]);
-    fetch_zone(s, (int)row->records[lane * RECORD_REALS + RECORD_NEXT]);
+    __global const real *record = row->records + lane * RECORD_REALS, *at = u + row->dof + lane;
+    const Point p = {record[RECORD_PLACE] + at[0], record[RECORD_PLACE + 1] + at[TLED_LANES],
+                     record[RECORD_PLACE + 2] + at[2 * TLED_LANES]};
+    int zone = row->ints[SLIDE_ZONE * TLED_LANES + lane];
+    if (inner(point_at(record + RECORD_EXIT), p) > record[RECORD_EXIT + 3])
+      zone = (int)record[RECORD_NEXT];
+    if (zone >= 0) {
+      __global const real* in = s->zones + (long)zone * ZONE_UNIT;
+      for (int k = 0; k < ZONE_BORDER + 6 * ZONE_BORDER_REALS; k += LINE_REALS) prefetch_line(in + k);
+    } else {
+      prefetch_line(record + LINE_REALS);
+      __global const real* reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;
+      __global const int* candidates = row->candidates + lane * SLIDE_CANDIDATES;
+      prefetch_line(reals);
+      prefetch_line((__global const real*)candidates);
+      prefetch_line((__global const real*)(candidates + LINE_REALS));
+    }
   }
 }
 #endif
@@ -319,7 +331,7 @@ OUT_OF_LINE void advance_queue(const SlideArrays* arrays, const SlideSurfaces* s
   for (int i = 0; i < q->n_zones; ++i) look_at_row(arrays, surfaces, q->zones[i], u_next);
   for (int i = 0; i < q->n_records; ++i) {
     const SlideRow row = row_of(arrays, q->records[i], 0);
-    fetch_zones(&row, surfaces, q->lanes[i]);
+    fetch_zones(&row, surfaces, q->lanes[i], u_next);
     q->zones[i] = q->records[i];
   }
   q->n_zones = q->n_records;

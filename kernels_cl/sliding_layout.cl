@@ -9,24 +9,25 @@
 #define SLIDE_NORMAL 4    // 3: unit normal of the plane; of an edge its direction, of a corner 0
 #define SLIDE_TARGET 7    // plane: normal . u at the distance to keep, m; edge, corner: that distance
 
-#define REGION_ROWS 32
-#define REGION_ALONG 0    // 3: way back for each metre off the distance, where the row has held lanes;
-                          // after a step that keeps them everywhere
-#define REGION_ANCHOR 3   // 3: displacement when level 3 was last run, m
-#define REGION_RADIUS 6   // of the region's ball, m
-#define REGION_BORDERS 7  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
-#define REGION_MOST_BORDERS 4
-#define REGION_DISTANCE 23  // to keep, m, negative behind the surface
-#define REGION_PLACE 24   // 3: reference position
-#define REGION_LOSS 27    // what friction took so far, J for each kg of the node
-#define REGION_ROUND 28   // 0 plane; edge, corner: 1 before the surface, -1 behind
-#define REGION_ON 29      // 3: edge, corner: a point of it less the reference position, m
+#define REGION_ROWS 12
+#define REGION_ALONG 0     // 3: way back for each metre off the distance, where the row has held lanes;
+                           // after a step that keeps them everywhere
+#define REGION_ROUND 3     // 0 plane; edge, corner: 1 before the surface, -1 behind
+#define REGION_ON 4        // 3: edge, corner: a point of it less the reference position, m
+#define REGION_LOSS 7      // what friction took so far, J for each kg of the node
+#define REGION_DISTANCE 8  // to keep, m, negative behind the surface
+#define REGION_PLACE 9     // 3: reference position
 
-// slide_records[node * RECORD_REALS + ...]: what a look at one node reads, in one line of the cache.
-#define RECORD_REALS 8
+// slide_records[node * RECORD_REALS + ...]: what a look at one node reads, in a line or two of the cache.
+#define RECORD_REALS 32
 #define RECORD_PLACE 0     // 3: as REGION_PLACE
 #define RECORD_DISTANCE 3  // as REGION_DISTANCE
-#define RECORD_NEXT 4      // zone behind its nearest border: what is likely next; -1: none
+#define RECORD_NEXT 4      // zone behind the border of its zone that it is nearest to; -1: none
+#define RECORD_EXIT 5      // 4: that border
+#define RECORD_ANCHOR 9    // 3: displacement when level 3 was last run, m
+#define RECORD_RADIUS 12   // of the region's ball, m
+#define RECORD_BORDERS 16  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
+#define REGION_MOST_BORDERS 4
 
 // slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors; 1 + SLIDE_AHEAD more end them.
 #define SLIDE_HEAD 2

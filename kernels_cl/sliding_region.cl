@@ -107,7 +107,7 @@ typedef struct {
 OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int* zone,
                              real* left, int* nearest) {
   __global int* candidates = node->candidates;
-  __global real *reals = node->candidate_reals, *region_rows = node->region;
+  __global real* reals = node->candidate_reals;
   *zone = -1;
   *left = R(0.0);
   Point off = minus(p, point_at(reals));
@@ -147,7 +147,8 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
     *zone = zone_of(s, s->triangle_zones[(long)face * TRIANGLE_ZONES + part], p, node->free, left, nearest);
     if (*zone >= 0) {
       const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_UNIT, p);
-      write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows, region_rows);
+      write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows,
+              node->region);
       return shape.round != R(0.0);
     }
   }
@@ -271,34 +272,32 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
   radius = radius > R(0.0) ? radius : R(0.0);
   real slack = radius;
   for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    __global real* border = region_rows + (REGION_BORDERS + 4 * k) * TLED_LANES;
+    __global real* border = node->record + RECORD_BORDERS + 4 * k;
     const int is = k < region.n_borders;
     const real within = is ? R(0.98) * region.within[k] - flat : R(1.0);
     const Point out = is ? region.outward[k] : times(R(0.0), normal);
     border[0] = out.x;
-    border[TLED_LANES] = out.y;
-    border[2 * TLED_LANES] = out.z;
-    border[3 * TLED_LANES] = inner(out, u) + within;
+    border[1] = out.y;
+    border[2] = out.z;
+    border[3] = inner(out, u) + within;
     slack = within < slack ? within : slack;
   }
   const real values[4] = {u.x, u.y, u.z, radius};
-  for (int k = 0; k < 4; ++k) region_rows[(REGION_ANCHOR + k) * TLED_LANES] = values[k];
+  for (int k = 0; k < 4; ++k) node->record[RECORD_ANCHOR + k] = values[k];
   const SlideShape shape = {round != R(0.0) ? axis : n, on, n, round};
-  write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows, region_rows);
+  write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows,
+              node->region);
   *left = slack;
   return round != R(0.0);
 }
 
 // How far a node is in its own region; not above 0 outside.
-INLINE real left_in_region(__global const real* region, Point u) {
-  const Point way = {u.x - region[REGION_ANCHOR * TLED_LANES],
-                     u.y - region[(REGION_ANCHOR + 1) * TLED_LANES],
-                     u.z - region[(REGION_ANCHOR + 2) * TLED_LANES]};
-  real left = region[REGION_RADIUS * TLED_LANES] - square_root_of(inner(way, way));
+INLINE real left_in_region(__global const real* record, Point u) {
+  const Point way = minus(u, point_at(record + RECORD_ANCHOR));
+  real left = record[RECORD_RADIUS] - square_root_of(inner(way, way));
   for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    __global const real* border = region + (REGION_BORDERS + 4 * k) * TLED_LANES;
-    const Point outward = {border[0], border[TLED_LANES], border[2 * TLED_LANES]};
-    const real to = border[3 * TLED_LANES] - inner(outward, u);
+    __global const real* border = record + RECORD_BORDERS + 4 * k;
+    const real to = border[3] - inner(point_at(border), u);
     left = to < left ? to : left;
   }
   return left;
@@ -323,7 +322,7 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
       write_shape(shape_of_zone(in, p), record, node->free, node->row_shape, node->lane, node->rows,
                   node->region);
   } else {
-    left = before < 0 ? left_in_region(node->region, u) : R(0.0);
+    left = before < 0 ? left_in_region(record, u) : R(0.0);
     round = node->row_shape >> (node->lane + 1) & 1;
     if (!(left > R(0.0))) round = find_surface(s, node, u, p, &now, &left, &nearest);
   }
@@ -336,7 +335,10 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
     middle = plus_scaled(u, left - ball, point_at(border));
     // A little less, for rounding.
     left = R(0.99999) * ball - FLAT * square_root_of(square);
+    for (int k = 0; k < 4; ++k) record[RECORD_EXIT + k] = border[k];
     record[RECORD_NEXT] = border[4];
+  } else {
+    record[RECORD_NEXT] = R(-1.0);
   }
   const real values[4] = {middle.x, middle.y, middle.z, left > R(0.0) ? left : R(0.0)};
   for (int k = 0; k < 4; ++k) node->rows[(SLIDE_SEEN + k) * TLED_LANES] = values[k];

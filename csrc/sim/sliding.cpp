@@ -59,17 +59,13 @@ void check(const SlidingNodes& given, const VoxelModel& model) {
       throw InputError("sliding: surface " + std::to_string(surface) + " does not exist");
 }
 
-// The radius in the region of a lane without a node.
-constexpr double kNoNode = 1e30;
-
 // Nothing is known of where nodes slide; lanes without one are never looked at.
-std::vector<double> unknown_rows(const std::vector<double>& regions, std::size_t lanes) {
-  std::vector<double> rows(regions.size() / REGION_ROWS * SLIDE_ROWS, 0.0);
-  for (std::size_t place = 0; place < regions.size() / REGION_ROWS; ++place) {
-    const std::size_t row = place / lanes, lane = place % lanes;
-    if (regions[(row * REGION_ROWS + REGION_RADIUS) * lanes + lane] >= static_cast<float>(kNoNode))
-      rows[(row * SLIDE_ROWS + SLIDE_SLACK) * lanes + lane] = 1e15;  // its square is a float
-  }
+std::vector<double> unknown_rows(const std::vector<std::int32_t>& ints, std::size_t lanes) {
+  std::vector<double> rows(ints.size() / SLIDE_INTS * SLIDE_ROWS, 0.0);
+  for (std::size_t row = 0; row < ints.size() / (SLIDE_INTS * lanes); ++row)
+    for (std::size_t lane = 0; lane < lanes; ++lane)
+      if (ints[(row * SLIDE_INTS + SLIDE_SURFACE) * lanes + lane] < 0)
+        rows[(row * SLIDE_ROWS + SLIDE_SLACK) * lanes + lane] = 1e15;  // its square is a float
   return rows;
 }
 
@@ -158,7 +154,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   std::vector<double> regions(n_rows_ * REGION_ROWS * lanes, 0.0);
   std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
   std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes, 0);
-  std::vector<double> records(n_rows_ * RECORD_REALS * lanes, -1.0);
+  std::vector<double> records(n_rows_ * RECORD_REALS * lanes, 0.0);
   std::vector<std::int32_t> heads((n_rows_ + 1 + SLIDE_AHEAD) * SLIDE_HEAD, 0);
   if (vector_rows)
     for (std::size_t row = 0; row < n_rows_; ++row)
@@ -183,7 +179,6 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
                              : static_cast<std::int32_t>(block_of_row_[row] * 3 * lanes + lane));
       put_int(SLIDE_SURFACE, -1);
       put_int(SLIDE_ZONE, -1);
-      put(REGION_RADIUS, kNoNode);
       continue;
     }
     const std::size_t i = node_at[place];
@@ -206,11 +201,12 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       if (vector_rows) heads[row * SLIDE_HEAD + HEAD_SHAPE] |= 1;
     }
     put(REGION_DISTANCE, given.distance[i]);
+    records[place * RECORD_REALS + RECORD_NEXT] = -1;
     records[place * RECORD_REALS + RECORD_DISTANCE] = given.distance[i];
     if (!given.friction.empty() && has_laws_) put_law(SLIDE_FRICTION, given.friction[i]);
     if (!given.release.empty() && has_laws_) put_law(SLIDE_RELEASE, given.release[i] ? 1 : 0);
   }
-  rows_ = reals(unknown_rows(regions, lanes));
+  rows_ = reals(unknown_rows(ints, lanes));
   regions_ = reals(regions);
   records_ = reals(records);
   heads_ = integers(heads);
@@ -315,8 +311,8 @@ void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
 
 void Sliding::enqueue_normals(int next) { keep_ways_[next]->enqueue(n_rows_, kGroup); }
 
-std::array<Buffer*, 6> Sliding::known() const {
-  return {rows_.get(), regions_.get(),    heads_.get(),
+std::array<Buffer*, 7> Sliding::known() const {
+  return {rows_.get(), regions_.get(),    records_.get(),        heads_.get(),
           ints_.get(), candidates_.get(), candidate_reals_.get()};
 }
 
@@ -349,26 +345,22 @@ void Sliding::set_state(const std::vector<std::uint8_t>& state) {
 
 void Sliding::forget() {
   const std::size_t lanes = lanes_;
-  auto regions = read_regions();
-  for (std::size_t row = 0; row < n_rows_; ++row)
-    for (std::size_t lane = 0; lane < lanes; ++lane) {
-      const auto at = [&](int k) -> double& {
-        return regions[(row * REGION_ROWS + k) * lanes + lane];
-      };
-      if (at(REGION_RADIUS) >= static_cast<float>(kNoNode)) continue;
-      for (int k = REGION_ALONG; k < REGION_DISTANCE; ++k) at(k) = 0;
-      for (int k = REGION_ROUND; k < REGION_ROWS; ++k) at(k) = 0;
-    }
-  write_reals(*regions_, regions, precision_);
-  write_reals(*rows_, unknown_rows(regions, lanes), precision_);
-  auto ints = read(*ints_), heads = read(*heads_);
+  auto regions = read_reals(*regions_), records = read_reals(*records_);
+  auto ints = read_integers(*ints_), heads = read_integers(*heads_);
   for (std::size_t row = 0; row < n_rows_; ++row) {
     heads[row * SLIDE_HEAD + HEAD_SHAPE] &= 1;
+    std::fill_n(&regions[row * REGION_ROWS * lanes], REGION_LOSS * lanes, 0.0);
     for (std::size_t lane = 0; lane < lanes; ++lane) {
       ints[(row * SLIDE_INTS + SLIDE_ZONE) * lanes + lane] = -1;
       ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + lane] &= 1;
+      double* record = &records[(row * lanes + lane) * RECORD_REALS];
+      std::fill(record + RECORD_NEXT, record + RECORD_REALS, 0.0);
+      record[RECORD_NEXT] = -1;
     }
   }
+  write_reals(*regions_, regions, precision_);
+  write_reals(*records_, records, precision_);
+  write_reals(*rows_, unknown_rows(ints, lanes), precision_);
   ints_->write(ints.data(), ints.size() * sizeof(std::int32_t));
   heads_->write(heads.data(), heads.size() * sizeof(std::int32_t));
   // A radius of 0: sought at the next step.
@@ -376,29 +368,30 @@ void Sliding::forget() {
               precision_);
 }
 
-std::vector<std::int32_t> Sliding::read(const Buffer& buffer) const {
+std::vector<std::int32_t> Sliding::read_integers(const Buffer& buffer) const {
+  device_.finish();
   std::vector<std::int32_t> values(buffer.bytes() / sizeof(std::int32_t));
   buffer.read(values.data(), buffer.bytes());
   return values;
 }
 
-std::vector<double> Sliding::read_regions() const {
-  const std::size_t count = n_rows_ * REGION_ROWS * std::size_t(lanes_);
-  std::vector<double> rows(count);
+std::vector<double> Sliding::read_reals(const Buffer& buffer) const {
+  const std::size_t count = buffer.bytes() / real_size(precision_);
+  std::vector<double> values(count);
   device_.finish();
   if (precision_ == Precision::kDouble) {
-    regions_->read(rows.data(), count * sizeof(double));
+    buffer.read(values.data(), count * sizeof(double));
   } else {
     std::vector<float> narrow(count);
-    regions_->read(narrow.data(), count * sizeof(float));
-    std::copy(narrow.begin(), narrow.end(), rows.begin());
+    buffer.read(narrow.data(), count * sizeof(float));
+    std::copy(narrow.begin(), narrow.end(), values.begin());
   }
-  return rows;
+  return values;
 }
 
 std::vector<double> Sliding::normals() const {
   const std::size_t lanes = lanes_;
-  const auto rows = read_regions();
+  const auto rows = read_reals(*regions_);
   std::vector<double> result(3 * n_nodes_);
   for (std::size_t i = 0; i < n_nodes_; ++i) {
     const std::size_t row = place_[i] / lanes, lane = place_[i] % lanes;
@@ -417,7 +410,7 @@ std::vector<double> Sliding::friction_losses() const {
   std::vector<double> result(n_nodes_, 0.0);
   if (!has_laws_) return result;
   const std::size_t lanes = lanes_;
-  const auto rows = read_regions();
+  const auto rows = read_reals(*regions_);
   for (std::size_t i = 0; i < n_nodes_; ++i)
     result[i] = rows[(place_[i] / lanes * REGION_ROWS + REGION_LOSS) * lanes + place_[i] % lanes];
   return result;

@@ -74,10 +74,10 @@ class Sliding {
   };
   std::unique_ptr<Buffer> reals(const std::vector<double>& values);
   std::unique_ptr<Buffer> integers(const std::vector<std::int32_t>& values);
-  std::vector<double> read_regions() const;
-  std::array<Buffer*, 6> known() const;          // arrays of what state() holds
+  std::vector<double> read_reals(const Buffer& buffer) const;
+  std::array<Buffer*, 7> known() const;          // arrays of what state() holds
   std::vector<const Buffer*> arguments() const;  // TLED_SLIDING_ARGUMENTS
-  std::vector<std::int32_t> read(const Buffer& buffer) const;
+  std::vector<std::int32_t> read_integers(const Buffer& buffer) const;
 
   Device& device_;
   Precision precision_;
