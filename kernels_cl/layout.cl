@@ -92,10 +92,11 @@
 
 // Rows of blocks that a band walks (rows.cl).
 // bands[2 i]: first row of band i, bands[2 i + 1]: its end. rows[4 i]: first block, number of
-// blocks, flags, first row of sliding nodes that are its own (-1: none).
+// blocks, flags, first row of sliding nodes; flags >> ROW_SLIDING_SHIFT: how many are its own.
 #define ROW_SEED 1         // forces only into scratch; nodes belong to the band below
 #define ROW_CHUNK_BEGIN 2  // a new chunk in x: scratch starts from zero
 #define ROW_GRAVITY 4      // set by the kernel: there is gravity
+#define ROW_SLIDING_SHIFT 8
 
 // Rows of lanes a plane of scratch: forces x, y, z on the nodes of the next row of elements, by the
 // corners at low x (lane l: the node of lane l), then by those at high x (the node of lane l + 1).

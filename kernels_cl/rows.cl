@@ -131,7 +131,7 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                           ? ROW_GRAVITY
                           : 0;
   SlidingQueue queue;
-  queue.n_zones = queue.n_records = 0;
+  queue.begin = queue.end = queue.n_zones = queue.n_records = 0;
   Face low, high, carried;
   for (int row = bands[2 * band]; row < bands[2 * band + 1]; ++row) {
     const int begin = rows[4 * row], end = begin + rows[4 * row + 1];
@@ -168,11 +168,10 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
         low_is_valid = 0;
       }
     }
-    if (sliding && rows[4 * row + 3] >= 0)
-      put_rows_back(sliding, surfaces, &queue, rows[4 * row + 3], end, out);
+    if (sliding)
+      finish_rows(sliding, surfaces, &queue, rows[4 * row + 3], flags >> ROW_SLIDING_SHIFT, out);
   }
-  while (sliding && (queue.n_zones || queue.n_records))
-    advance_queue(sliding, surfaces, &queue, out);
+  if (sliding) finish_queue(sliding, surfaces, &queue, out);
 }
 
 // One explicit step. u: displacement now; u_prev: the one before, replaced by the next.

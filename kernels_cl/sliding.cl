@@ -146,8 +146,10 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
 // Levels 1 to 4: afterwards the row's surfaces are those of the places `seen` of u.
 INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
                           __global const real* u) {
-  if (!lanes_that_left(row->rows + row->first, seen)) return;
+  const int left = lanes_that_left(row->rows + row->first, seen);
+  if (!left) return;
   for (int lane = row->first; lane < row->last; ++lane) {
+    if (!(left >> (lane - row->first) & 1)) continue;
     const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
     if (surface < 0) continue;
     __global real* mine = row->rows + lane;
@@ -155,10 +157,6 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
     __global const real* at = u + row->dof + (lane - row->first);
     Point v = {at[0], at[TLED_LANES], at[2 * TLED_LANES]};
     if (row->moves) v = seen_from(row->pose, point_at(record + RECORD_PLACE), v);
-    const Point since = {v.x - mine[SLIDE_SEEN * TLED_LANES], v.y - mine[(SLIDE_SEEN + 1) * TLED_LANES],
-                         v.z - mine[(SLIDE_SEEN + 2) * TLED_LANES]};
-    const real holds = mine[SLIDE_SLACK * TLED_LANES];
-    if (inner(since, since) < holds * holds) continue;
     const SlideNode node = {surface >> 3,
                             // Held components are looked after by whoever turns the way back, where the
                             // surface may turn.
@@ -313,11 +311,16 @@ __kernel void slide_nodes(TLED_SLIDING_ARGUMENTS, __global real* restrict u_next
 // without laws and without other conditions on them (csrc/sim/sliding). Rows that have to be looked at
 // wait while what that reads is fetched: first what is known of the nodes that left their balls, with
 // the next row of blocks the zones, with the one after they are looked at.
-#define SLIDING_WAIT 12
+#define SLIDING_WAIT 16
 typedef struct {
+  int begin, end;  // rows of finished nodes that are not back yet
   int n_records, n_zones;
   int records[SLIDING_WAIT], zones[SLIDING_WAIT], lanes[SLIDING_WAIT];
 } SlidingQueue;
+
+// Rows that are put back together: one by one they wait for each other, and after too many their nodes
+// have left the near caches. What the next as many read is fetched meanwhile.
+#define SLIDING_BATCH 12
 
 INLINE void look_at_row(const SlideArrays* arrays, const SlideSurfaces* surfaces, int place,
                         __global real* u_next) {
@@ -338,23 +341,18 @@ OUT_OF_LINE void advance_queue(const SlideArrays* arrays, const SlideSurfaces* s
   q->n_records = 0;
 }
 
-// Puts back the rows from `place` on whose blocks are below `end`, all of which are finished.
+// Puts back the rows of the queue.
 OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
-                               int place, int end, __global real* u_next) {
+                               __global real* u_next) {
   if (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);
-  for (;; ++place) {
+  for (int place = q->begin; place < q->end; ++place) {
     __global const int* head = arrays->heads + place * SLIDE_HEAD;
-    const int block = head[HEAD_BLOCK];
-    if (block >= end) return;
     __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
     __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
     for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS)
-      prefetch_line(lanes + SLIDE_AHEAD * SLIDE_ROWS * TLED_LANES + k);
-    prefetch_line((__global const real*)(head + 4 * SLIDE_AHEAD * SLIDE_HEAD));
-    if (head[SLIDE_AHEAD * SLIDE_HEAD + HEAD_SHAPE] > 1)
-      for (int k = 0; k < 4 * TLED_LANES; k += LINE_REALS)
-        prefetch_line(region + (SLIDE_AHEAD * REGION_ROWS + REGION_ROUND) * TLED_LANES + k);
-    __global real* nodes = u_next + (long)block * (3 * TLED_LANES);
+      prefetch_line(lanes + SLIDING_BATCH * SLIDE_ROWS * TLED_LANES + k);
+    prefetch_line((__global const real*)(head + 2 * SLIDING_BATCH * SLIDE_HEAD));
+    __global real* nodes = u_next + (long)head[HEAD_BLOCK] * (3 * TLED_LANES);
     const Points u = lanes_of(nodes);
     const int left = lanes_that_left(lanes, u);
     if (!left) {
@@ -368,6 +366,24 @@ OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* s
       q->records[q->n_records++] = place;
     }
   }
+  q->begin = q->end;
+}
+
+// A row of blocks is finished that has `count` rows of sliding nodes from `first` on.
+INLINE void finish_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q, int first,
+                        int count, __global real* u_next) {
+  if (count == 0) return;
+  if (first != q->end || first + count > q->begin + SLIDING_BATCH) {
+    put_rows_back(arrays, surfaces, q, u_next);
+    q->begin = first;
+  }
+  q->end = first + count;
+}
+
+INLINE void finish_queue(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
+                         __global real* u_next) {
+  put_rows_back(arrays, surfaces, q, u_next);
+  while (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);
 }
 
 // After a step of such a kernel: the ways back, for reactions. Work-item: a row.

@@ -29,13 +29,10 @@
 #define RECORD_BORDERS 16  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
 #define REGION_MOST_BORDERS 4
 
-// slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors; 1 + SLIDE_AHEAD more end them.
+// slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors.
 #define SLIDE_HEAD 2
 #define HEAD_BLOCK 0  // whose nodes they are
 #define HEAD_SHAPE 1  // as SLIDE_SHAPE
-
-// Rows of nodes whose memory row kernels fetch ahead of the one at hand: a row of blocks has but a few.
-#define SLIDE_AHEAD 6
 
 // slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]. Where rows are vectors the nodes of
 // a row are those of one block, lane by lane.

@@ -76,9 +76,11 @@ class RowsPath final : public ForcePath {
     const std::vector<std::int32_t>& blocks = *sliding.blocks;
     for (std::size_t row = 0; row < bands.rows.size(); row += 4) {
       const std::int32_t begin = bands.rows[row], end = begin + bands.rows[row + 1];
+      if (bands.rows[row + 2] & ROW_SEED) continue;
       const auto first = std::lower_bound(blocks.begin(), blocks.end(), begin);
-      const bool own = first != blocks.end() && *first < end && !(bands.rows[row + 2] & ROW_SEED);
-      bands.rows[row + 3] = own ? static_cast<std::int32_t>(first - blocks.begin()) : -1;
+      const auto count = std::lower_bound(first, blocks.end(), end) - first;
+      bands.rows[row + 2] |= static_cast<std::int32_t>(count << ROW_SLIDING_SHIFT);
+      bands.rows[row + 3] = static_cast<std::int32_t>(first - blocks.begin());
     }
     sliding_rows_ = binder_.upload(bands.rows, bytes_);
     for (int parity = 0; parity < 2; ++parity) {

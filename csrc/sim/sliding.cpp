@@ -155,12 +155,10 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
   std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes, 0);
   std::vector<double> records(n_rows_ * RECORD_REALS * lanes, 0.0);
-  std::vector<std::int32_t> heads((n_rows_ + 1 + SLIDE_AHEAD) * SLIDE_HEAD, 0);
+  std::vector<std::int32_t> heads(n_rows_ * SLIDE_HEAD, 0);
   if (vector_rows)
     for (std::size_t row = 0; row < n_rows_; ++row)
       heads[row * SLIDE_HEAD + HEAD_BLOCK] = block_of_row_[row];
-  for (std::size_t row = n_rows_; row <= n_rows_ + SLIDE_AHEAD; ++row)
-    heads[row * SLIDE_HEAD + HEAD_BLOCK] = std::numeric_limits<std::int32_t>::max();
   const auto empty = static_cast<std::int32_t>(std::size_t(arrays.n_blocks) * 3 * lanes);
   for (std::size_t place = 0; place < node_at.size(); ++place) {
     const std::size_t row = place / lanes, lane = place % lanes;
