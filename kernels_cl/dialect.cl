@@ -20,8 +20,15 @@ typedef float real;
 #endif
 #define R(x) ((real)(x))
 
-// A line of memory that will be written soon: known to the native kernels only.
-INLINE void prefetch_line(__global const real* p) { (void)p; }
+// A line of memory that is soon read and written. OpenCL C's own prefetch is empty on CPUs.
+#if TLED_VECTOR_ROWS && defined(__has_builtin)
+#if __has_builtin(__builtin_prefetch)
+#define prefetch_line(p) __builtin_prefetch((const void*)(size_t)(p), 1)
+#endif
+#endif
+#ifndef prefetch_line
+#define prefetch_line(p) (void)(p)
+#endif
 
 #if !TLED_VECTOR_ROWS
 

@@ -1,6 +1,9 @@
 // The native executor: kernels compiled ahead of time for several instruction sets, the best one
 // that this processor has taken at run time, work-items dealt to the thread pool.
 #include <unistd.h>
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
 
 #include <cstdlib>
 #include <cstring>
@@ -77,15 +80,22 @@ const KernelTable& table_of(Precision precision) {
 }
 
 constexpr std::size_t kAlignment = 64;
+// Arrays from this size on lie in large pages where the system has them: a step walks all of them,
+// and looking up where a small page is costs as much as its lines.
+constexpr std::size_t kLargePage = std::size_t(2) << 20;
 
 class NativeBuffer final : public Buffer {
  public:
   explicit NativeBuffer(std::size_t bytes) : bytes_(bytes) {
-    const std::size_t whole = (bytes + kAlignment - 1) / kAlignment * kAlignment;
-    data_ = std::aligned_alloc(kAlignment, whole ? whole : kAlignment);
+    const std::size_t alignment = bytes < kLargePage ? kAlignment : kLargePage,
+                      whole = (bytes + alignment - 1) / alignment * alignment;
+    data_ = std::aligned_alloc(alignment, whole ? whole : alignment);
     if (!data_)
       throw InputError("not enough memory: an array of " + std::to_string(bytes >> 20) +
                        " MiB could not be had; take larger voxels or a smaller region");
+#if defined(MADV_HUGEPAGE)
+    if (bytes >= kLargePage) madvise(data_, whole, MADV_HUGEPAGE);  // a wish: small ones do too
+#endif
     std::memset(data_, 0, whole);
   }
   ~NativeBuffer() override { std::free(data_); }
