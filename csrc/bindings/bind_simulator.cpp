@@ -371,6 +371,8 @@ void define_simulator(py::module_& module) {
       .def_property_readonly("n_steps", &Simulator::n_steps)
       .def_property_readonly("uses_rows", &Simulator::uses_rows)
       .def_property_readonly("kernels", &Simulator::kernels)
+      .def_property_readonly("fuses_sliding", &Simulator::fuses_sliding,
+                             "Whether the kernels of a step put sliding nodes back themselves.")
       .def_property_readonly("fill", [](const Simulator& sim) { return sim.arrays().fill(); })
       .def_property_readonly("device_bytes", &Simulator::device_bytes)
       .def_property_readonly("lanes", [](const Simulator& sim) { return sim.arrays().lanes; })

@@ -173,6 +173,8 @@ class Simulator {
   std::size_t n_pose_values() const { return sliding_given_.moving.size() * Sliding::kPoseValues; }
   std::size_t n_values() const { return n_condition_values() + n_pose_values(); }
   bool uses_rows() const { return rows_; }
+  // Whether the kernels of a step put sliding nodes back themselves: nothing else acts on these.
+  bool fuses_sliding() const { return fuses_sliding_ && levels_.n_levels == 1; }
   // "rows", "gather", "tile" or "hexahedra": what computes its steps.
   const char* kernels() const;
   // Device buffer of the displacement of now: [block][component][lane].
@@ -204,8 +206,6 @@ class Simulator {
                  FieldMoment field) const;
   // The row kernels' and conditions' part; highest_level: see ForcePath.
   void enqueue_step(std::int32_t index, int highest_level);
-  // Whether the kernels of a step put sliding nodes back themselves: nothing else acts on these.
-  bool fuses_sliding() const { return fuses_sliding_ && levels_.n_levels == 1; }
   // Step of the node that real i of u belongs to, s.
   double step_of_real(std::size_t i) const {
     const std::size_t block = i / (std::size_t(3) * arrays_.lanes);

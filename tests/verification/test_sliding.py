@@ -169,6 +169,33 @@ def test_search_finds_what_brute_force_finds(executor, figure, name):
         )
 
 
+@pytest.mark.parametrize("name", ["rough", "box"])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_row_kernels_put_nodes_back_as_a_pass_of_its_own_does(executor, name, precision):
+    """A load of nothing on one sliding node asks for the pass; steps dealt to calls as they come."""
+    surface, height = SURFACES[name]
+    reached, reactions = [], []
+    for loaded in (False, True):
+        model, lower = tissue(height)
+        if loaded:
+            model.body_force(model.cells[:, 2] == 0, lambda t: (0.0, 0.0, 0.0))
+        moved = surface.copy()
+        moved.apply_translation(FAR)
+        model.slide(lower, moved)
+        top = model.nodes[:, 2] > model.nodes[:, 2].max() - 1e-9
+        model.prescribe(top, {"x": lambda t: 3e-3 * min(t / 2e-3, 1.0)})
+        sim = tf.Simulator(model, damping=100.0, precision=precision, **executor.kwargs)
+        assert sim._core.fuses_sliding == (executor.kernels == "rows" and not loaded)
+        for steps in (1, 2, 37, 200):
+            sim.step(steps)
+        sim.run(until=2e-3)
+        reached.append(sim.u)
+        reactions.append(sim._core.sliding_normals())
+    allowed = 1e-12 if precision == "double" else 1e-6
+    assert np.abs(reached[0] - reached[1]).max() < allowed * np.abs(reached[0]).max()
+    assert np.abs(reactions[0] - reactions[1]).max() < 10 * allowed
+
+
 def test_restart_goes_on_bit_for_bit(executor, tmp_path):
     surface, height = SURFACES["box"]
     model, lower = tissue(height)
