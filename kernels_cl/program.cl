@@ -26,6 +26,7 @@
 #include "sliding_plane.cl"
 #include "sliding.cl"
 #if TLED_VECTOR_ROWS
+#include "sliding_rows.cl"
 #include "row_element.cl"
 #include "rows.cl"
 #else

@@ -32,7 +32,7 @@ struct ForcePathOptions {
   std::int32_t step_reals = 0;
 };
 
-// Rows of sliding nodes that kernels can put back themselves (kernels_cl/sliding.cl).
+// Rows of sliding nodes that kernels can put back themselves (kernels_cl/sliding_rows.cl).
 struct SlidingRowBuffers {
   std::vector<const Buffer*> arguments;     // TLED_SLIDING_ARGUMENTS
   const std::vector<std::int32_t>* blocks;  // of each row, ascending

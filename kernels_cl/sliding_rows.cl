@@ -1,0 +1,89 @@
+// Row kernels put sliding nodes back themselves, while they are in a near cache: those of surfaces that
+// stand still, without laws and without other conditions on them (csrc/sim/sliding). Rows that have to
+// be looked at wait while what that reads is fetched: first what is known of the nodes that left their
+// balls, with the next batch of rows the zones, with the one after they are looked at.
+
+// Rows that may wait in each of the two queues; past that they are looked at without.
+#define SLIDING_WAIT 16
+typedef struct {
+  int begin, end;  // rows of finished nodes that are not back yet
+  int n_records, n_zones;
+  int records[SLIDING_WAIT], zones[SLIDING_WAIT], lanes[SLIDING_WAIT];
+} SlidingQueue;
+
+// Rows that are put back together: one by one they wait for each other, and after too many their nodes
+// have left the near caches. What the next as many read is fetched meanwhile.
+#define SLIDING_BATCH 12
+
+INLINE void look_at_row(const SlideArrays* arrays, const SlideSurfaces* surfaces, int place,
+                        __global real* u_next) {
+  const SlideRow row = row_of(arrays, place, 0);
+  slide_row(&row, surfaces, u_next, 0, 0, 0, 0);
+}
+
+// One step on for all that wait.
+OUT_OF_LINE void advance_queue(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
+                               __global real* u_next) {
+  for (int i = 0; i < q->n_zones; ++i) look_at_row(arrays, surfaces, q->zones[i], u_next);
+  for (int i = 0; i < q->n_records; ++i) {
+    const SlideRow row = row_of(arrays, q->records[i], 0);
+    fetch_zones(&row, surfaces, q->lanes[i], u_next);
+    q->zones[i] = q->records[i];
+  }
+  q->n_zones = q->n_records;
+  q->n_records = 0;
+}
+
+// Puts back the rows of the queue.
+OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
+                               __global real* u_next) {
+  if (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);
+  for (int place = q->begin; place < q->end; ++place) {
+    __global const int* head = arrays->heads + place * SLIDE_HEAD;
+    __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
+    __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
+    for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS)
+      prefetch_line(lanes + SLIDING_BATCH * SLIDE_ROWS * TLED_LANES + k);
+    prefetch_line((__global const real*)(head + 2 * SLIDING_BATCH * SLIDE_HEAD));
+    __global real* nodes = u_next + (long)head[HEAD_BLOCK] * (3 * TLED_LANES);
+    const Points u = lanes_of(nodes);
+    const int left = lanes_that_left(lanes, u);
+    if (!left) {
+      put_back(way_back(lanes, region, head[HEAD_SHAPE], u), u, nodes);
+    } else if (q->n_records == SLIDING_WAIT) {
+      look_at_row(arrays, surfaces, place, u_next);
+    } else {
+      const SlideRow row = row_of(arrays, place, 0);
+      fetch_records(&row, left);
+      q->lanes[q->n_records] = left;
+      q->records[q->n_records++] = place;
+    }
+  }
+  q->begin = q->end;
+}
+
+// A row of blocks is finished that has `count` rows of sliding nodes from `first` on.
+INLINE void finish_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q, int first,
+                        int count, __global real* u_next) {
+  if (count == 0) return;
+  if (first != q->end || first + count > q->begin + SLIDING_BATCH) {
+    put_rows_back(arrays, surfaces, q, u_next);
+    q->begin = first;
+  }
+  q->end = first + count;
+}
+
+INLINE void finish_queue(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
+                         __global real* u_next) {
+  put_rows_back(arrays, surfaces, q, u_next);
+  while (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);
+}
+
+// After a step of such a kernel: the ways back, for reactions. Work-item: a row.
+__kernel void keep_ways_back(TLED_SLIDING_ARGUMENTS, __global const real* restrict u_next, int n_rows) {
+  const int place = (int)get_global_id(0);
+  if (place >= n_rows) return;
+  const SlideArrays arrays = TLED_SLIDE_ARRAYS;
+  const SlideRow row = row_of(&arrays, place, 0);
+  keep_way(way_back(row.rows, row.regions, *row.shape, lanes_of(u_next + row.dof)), row.regions);
+}
