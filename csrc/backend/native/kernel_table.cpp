@@ -79,6 +79,11 @@ constexpr KernelEntry kEntries[] = {
     TLED_ENTRY(hex_forces_kappa),     TLED_ENTRY(hex_integrate_nodes),
     TLED_ENTRY(hex_gather_forces),    TLED_ENTRY(hex_state),
     TLED_ENTRY(hex_growth),           TLED_ENTRY(slide_nodes),
+    TLED_ENTRY(element_bounds),       TLED_ENTRY(hex_bounds),
+    TLED_ENTRY(node_squares),         TLED_ENTRY(hex_node_squares),
+    TLED_ENTRY(largest_squares),      TLED_ENTRY(find_non_finite),
+    TLED_ENTRY(reduce_largest),       TLED_ENTRY(stiffest_element),
+    TLED_ENTRY(hex_stiffest_element), TLED_ENTRY(scale_last_step),
     TLED_ENTRY(grid_nearest),         TLED_ENTRY(roofline_axpy),
     TLED_ENTRY(roofline_copy),        TLED_ENTRY(roofline_mixed),
 };
