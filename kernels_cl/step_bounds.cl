@@ -113,6 +113,20 @@ INLINE Vec linear_component(__global const real* u, Edges edges) {
   return d;
 }
 
+// The displacement gradient of one component in a conforming mesh, likewise by differences: those
+// from the first corner, since the corners' gradients add up to 0.
+INLINE Vec hex_linear_component(HexElement e, __global const real* u) {
+  const realv first = gather_lanes(u, e.nodes), zero = broadcast(R(0.0));
+  Vec g = {zero, zero, zero};
+  for (int corner = 1; corner < 8; ++corner) {
+    const realv d = gather_lanes(u, e.nodes + corner * TLED_LANES) - first;
+    g.x += d * hex_row(e, HEX_GRADIENT + 3 * corner);
+    g.y += d * hex_row(e, HEX_GRADIENT + 3 * corner + 1);
+    g.z += d * hex_row(e, HEX_GRADIENT + 3 * corner + 2);
+  }
+  return g;
+}
+
 INLINE Tensor rows_of(Vec x, Vec y, Vec z) {
   const Tensor T = {x.x, x.y, x.z, y.x, y.y, y.z, z.x, z.y, z.z};
   return T;
@@ -235,7 +249,10 @@ __kernel void hex_bounds(
   if (blocks[(long)block * TLED_BLOCK_INTS + BLOCK_MATERIAL] < 0) return;
   const LookTables t = {blocks, muscle_entries, muscle_sets, muscle_constants, look};
   const HexElement e = hex_element(hex_nodes, hex_rows, block, lane);
-  store_bounds(t, block, lane, plus_identity(hex_modes(e, u).linear), hex_spread(e),
+  const Tensor linear =
+      rows_of(hex_linear_component(e, u), hex_linear_component(e, u + TLED_LANES),
+              hex_linear_component(e, u + 2 * TLED_LANES));
+  store_bounds(t, block, lane, plus_identity(linear), hex_spread(e),
                R(0.5) * hex_row(e, HEX_VOLUME), n_samples, rest, reached, exact);
 }
 
