@@ -70,25 +70,22 @@ INLINE realv stiffness_growth(Tensor cof, realv J, Symmetric G) {
 
 // Ends of the four edges along x of an element: where x of u is at the low ones (this lane), and of
 // the rows or lanes behind them.
-typedef struct { long low[4], high[4]; } Edges;
-
-INLINE Edges element_edges(__global const int* blocks, int block, int lane) {
+INLINE void element_edges(__global const int* blocks, int block, int lane, long low_at[4],
+                          long high_at[4]) {
   __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
   const int above = links[BLOCK_NEXT_Z];
   __global const int* links_above = blocks + (long)above * TLED_BLOCK_INTS;
   const int low[4] = {block, links[BLOCK_NEXT_Y], above, links_above[BLOCK_NEXT_Y]};
   const int high[4] = {links[BLOCK_NEXT_X], links[BLOCK_NEXT_XY], links_above[BLOCK_NEXT_X],
                       links_above[BLOCK_NEXT_XY]};
-  Edges edges;
   for (int i = 0; i < 4; ++i) {
-    edges.low[i] = (long)low[i] * (3 * TLED_LANES) + lane;
+    low_at[i] = (long)low[i] * (3 * TLED_LANES) + lane;
 #if TLED_VECTOR_ROWS
-    edges.high[i] = (long)high[i] * (3 * TLED_LANES);
+    high_at[i] = (long)high[i] * (3 * TLED_LANES);
 #else
-    edges.high[i] = lane + 1 < TLED_LANES ? edges.low[i] + 1 : (long)high[i] * (3 * TLED_LANES);
+    high_at[i] = lane + 1 < TLED_LANES ? low_at[i] + 1 : (long)high[i] * (3 * TLED_LANES);
 #endif
   }
-  return edges;
 }
 
 INLINE realv high_end(realv low, __global const real* high) {
@@ -101,11 +98,11 @@ INLINE realv high_end(realv low, __global const real* high) {
 
 // The x, y and z mode of one component. Differences come before sums: then those of float32 are
 // exact however far the element has moved as a whole.
-INLINE Vec linear_component(__global const real* u, Edges edges) {
-  const realv a0 = load_lanes(u + edges.low[0]), a1 = load_lanes(u + edges.low[1]),
-              a2 = load_lanes(u + edges.low[2]), a3 = load_lanes(u + edges.low[3]);
-  const realv b0 = high_end(a0, u + edges.high[0]), b1 = high_end(a1, u + edges.high[1]),
-              b2 = high_end(a2, u + edges.high[2]), b3 = high_end(a3, u + edges.high[3]);
+INLINE Vec linear_component(__global const real* u, const long low_at[4], const long high_at[4]) {
+  const realv a0 = load_lanes(u + low_at[0]), a1 = load_lanes(u + low_at[1]),
+              a2 = load_lanes(u + low_at[2]), a3 = load_lanes(u + low_at[3]);
+  const realv b0 = high_end(a0, u + high_at[0]), b1 = high_end(a1, u + high_at[1]),
+              b2 = high_end(a2, u + high_at[2]), b3 = high_end(a3, u + high_at[3]);
   Vec d;
   d.x = ((b0 - a0) + (b1 - a1)) + ((b2 - a2) + (b3 - a3));
   d.y = ((a1 - a0) + (b1 - b0)) + ((a3 - a2) + (b3 - b2));
@@ -226,10 +223,11 @@ __kernel void element_bounds(
   const int block = ROW_BLOCK(row), lane = ROW_LANE(row);
   if (blocks[(long)block * TLED_BLOCK_INTS + BLOCK_MATERIAL] < 0) return;
   const LookTables t = {blocks, muscle_entries, muscle_sets, muscle_constants, look};
-  const Edges edges = element_edges(blocks, block, lane);
-  const Tensor linear =
-      rows_of(linear_component(u, edges), linear_component(u + TLED_LANES, edges),
-              linear_component(u + 2 * TLED_LANES, edges));
+  long low_at[4], high_at[4];
+  element_edges(blocks, block, lane, low_at, high_at);
+  const Tensor linear = rows_of(linear_component(u, low_at, high_at),
+                                linear_component(u + TLED_LANES, low_at, high_at),
+                                linear_component(u + 2 * TLED_LANES, low_at, high_at));
   const realv half_volume = broadcast(R(0.5) * shape[SHAPE_FORCE] / shape[SHAPE_GRADIENT]);
   store_bounds(t, block, lane, deformation_gradient(linear, voxel_gradient(shape, 0)),
                voxel_spread(shape), half_volume, n_samples, rest, reached, exact);
