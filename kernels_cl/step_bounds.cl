@@ -1,29 +1,7 @@
-// What a look at a run asks of the state without copying it: of each element the stiffness that
-// bounds the step under the displacement of now, of each node omega^2 (csrc/precompute/time_step.hpp,
-// docs/explanation/solver.md), the few numbers that the host decides by, and whether all is finite.
-//
-// The largest of an array: each work-item goes through some rows, then reduce_largest through what
-// they found until one is left. A largest value does not depend on the order, and of equal ones the
-// lowest place counts, so nothing depends on how rows are dealt. Infinite: an inverted element.
-
-// A row is a block's lanes where rows are vectors, else one lane. Rows of a work-item in a loop over
-// many: a run of them, or every n_items-th, so that neighbouring work-items read neighbours.
-#if TLED_VECTOR_ROWS
-#define ROW_LANES TLED_LANES
-#define ROW_BLOCK(row) (row)
-#define ROW_LANE(row) 0
-#define FIRST_ROW(item, n_rows, n_items) ((int)((long)(n_rows) * (item) / (n_items)))
-#define END_ROW(item, n_rows, n_items) FIRST_ROW((item) + 1, n_rows, n_items)
-#define ROW_STEP(n_items) 1
-#else
-#define ROW_LANES 1
-#define ROW_BLOCK(row) ((row) / TLED_LANES)
-#define ROW_LANE(row) ((row) % TLED_LANES)
-#define FIRST_ROW(item, n_rows, n_items) (item)
-#define END_ROW(item, n_rows, n_items) (n_rows)
-#define ROW_STEP(n_items) (n_items)
-#endif
-#define ROWS_OF_BLOCKS(n_blocks) ((n_blocks) * (TLED_LANES / ROW_LANES))
+// What a look at the limit of the step asks of the device: of each element the stiffness that bounds
+// the step under the displacement of now, of each node omega^2 (csrc/precompute/time_step.hpp,
+// docs/explanation/solver.md), and of those the few numbers that the host decides by. Infinite: an
+// inverted element.
 
 INLINE realv endless(void) { return broadcast(R(1.0)) / broadcast(R(0.0)); }
 
@@ -359,48 +337,6 @@ __kernel void largest_squares(__global const real* restrict reached,
   slots[item] = slot;
 }
 
-// Work-item: some rows of u. values[i]: 1 where something is not finite, else 0.
-__kernel void find_non_finite(__global const real* restrict u, __global real* restrict values,
-                              __global int* restrict slots, int n_rows, int n_items) {
-  const int item = (int)get_global_id(0);
-  if (item >= n_items) return;
-  const int end = END_ROW(item, n_rows, n_items);
-  const realv zero = broadcast(R(0.0)), one = broadcast(R(1.0));
-  realv lost = zero;
-  for (int row = FIRST_ROW(item, n_rows, n_items); row < end; row += ROW_STEP(n_items)) {
-    const realv value = load_lanes(u + (long)row * ROW_LANES);
-    lost = value - value == zero ? lost : one;
-  }
-  real any = R(0.0);
-  for (int lane = 0; lane < ROW_LANES; ++lane) any += lane_of(lost, lane);
-  values[item] = any > R(0.0) ? R(1.0) : R(0.0);
-  values[n_items + item] = values[2 * n_items + item] = R(0.0);
-  slots[item] = 0;
-}
-
-// Work-item i: the largest of those at i, i + n_left, ... of what n_items work-items found.
-__kernel void reduce_largest(__global const real* restrict values, __global const int* restrict slots,
-                             __global real* restrict values_left, __global int* restrict slots_left,
-                             int n_items, int n_left) {
-  const int item = (int)get_global_id(0);
-  if (item >= n_left) return;
-  real highest = values[item], since = values[n_items + item], reach = values[2 * n_items + item];
-  int slot = slots[item];
-  for (int i = item + n_left; i < n_items; i += n_left) {
-    const real value = values[i], grown = values[n_items + i], reaching = values[2 * n_items + i];
-    if (value > highest || (value == highest && slots[i] < slot)) {
-      highest = value;
-      slot = slots[i];
-    }
-    since = grown > since ? grown : since;
-    reach = reaching > reach ? reaching : reach;
-  }
-  values_left[item] = highest;
-  values_left[n_left + item] = since;
-  values_left[2 * n_left + item] = reach;
-  slots_left[item] = slot;
-}
-
 // One work-item. found[1]: slot of the stiffest of the elements around the node in slot found[0].
 __kernel void stiffest_element(__global int* restrict found, __global const real* restrict elements,
                                __global const int* restrict blocks) {
@@ -440,14 +376,4 @@ __kernel void hex_stiffest_element(__global int* restrict found,
       found[1] = slot;
     }
   }
-}
-
-// Work-item: a row of u. The last step is made `ratio` times as long, at the velocity it had.
-__kernel void scale_last_step(__global const real* restrict u, __global real* restrict u_prev,
-                              __global const real* restrict ratio, int n_rows) {
-  const int row = (int)get_global_id(0);
-  if (row >= n_rows) return;
-  const long at = (long)row * ROW_LANES;
-  const realv now = load_lanes(u + at);
-  store_lanes(now - (now - load_lanes(u_prev + at)) * ratio[0], u_prev + at);
 }

@@ -1,5 +1,5 @@
 // The largest of what work-items find, and checks of a state that copy nothing else to the host
-// (kernels_cl/step_bounds.cl).
+// (kernels_cl/device_checks.cl).
 #pragma once
 #include <array>
 #include <cstdint>

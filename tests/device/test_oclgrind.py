@@ -99,7 +99,7 @@ def test_no_race_and_no_invalid_access(oclgrind, tmp_path, kernels, precision, h
             "Invalid read of size 4 at local",
         ),
         ("tile.cl", "i > 0 && j > 0 && plane > 0", "i > 0 && j > 0", "data race at global memory"),
-        ("step_bounds.cl", "if (item >= n_left) return;", "", "data race at global memory"),
+        ("device_checks.cl", "if (item >= n_left) return;", "", "data race at global memory"),
     ],
     ids=["no barrier", "one buffer", "nodes of the halo", "nodes of the tile below", "a look"],
 )
