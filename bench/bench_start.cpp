@@ -57,7 +57,7 @@ int run(int argc, char** argv) {
     simulator_s = std::min(simulator_s, seconds_since(begin));
     begin = Clock::now();
     const std::vector<double> rest(workload.model.muscles.size(), 0.0);
-    dt = sim.limit_now(rest, 1, 1, HUGE_VAL).dt;
+    dt = sim.limit_now({rest}, HUGE_VAL).dt;
     limit_s = std::min(limit_s, seconds_since(begin));
   }
   bench::Json result;

@@ -39,6 +39,7 @@ INLINE void store_lanes(realv v, __global real* p) { *p = v; }
 INLINE realv gather_lanes(__global const real* p, __global const int* at) { return p[*at]; }
 INLINE int all_below(realv a, realv b) { return a < b; }
 INLINE int lanes_not_below(realv a, realv b) { return !(a < b); }
+INLINE real lane_of(realv v, int lane) { return v; }
 
 #else
 
@@ -68,6 +69,7 @@ INLINE int lanes_not_below(realv a, realv b) {
   for (int l = 0; l < TLED_LANES; ++l) bits |= !(((real*)&a)[l] < ((real*)&b)[l]) << l;
   return bits;
 }
+INLINE real lane_of(realv v, int lane) { return ((const real*)&v)[lane]; }
 
 // Lane l of the result is lane l + 1 of `own`; the last is lane 0 of `next`.
 // Lane l of the second is lane l - 1 of `own`; lane 0 is `first`.

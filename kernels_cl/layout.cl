@@ -122,3 +122,9 @@
 #define STATE_SIGMA 9       // six: xx yy zz xy yz xz, Pa, muscles included
 #define STATE_ENERGY 15     // W, J/m3
 #define STATE_HOURGLASS 16  // J/m3
+
+// What a look at the limit of the step asks with (step_bounds.cl).
+#define LOOK_REACH 0       // lowest share of a fibre's stretch that is taken
+#define LOOK_REACH_STEP 1  // and the way to the next
+#define LOOK_THRESHOLD 2   // omega^2 from which the growth of nodes counts, 1/s^2
+#define LOOK_ACTIVATION 3  // and on: of each muscle

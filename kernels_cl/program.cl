@@ -35,6 +35,8 @@
 #include "tile.cl"
 #endif
 #include "hexahedra.cl"
+#include "device_checks.cl"
+#include "step_bounds.cl"
 #if TLED_VECTOR_ROWS
 #include "state.cl"
 #endif

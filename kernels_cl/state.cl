@@ -1,5 +1,5 @@
 // What an element holds, for output and checks: F, Cauchy stress and energies; and the growth of its
-// stiffness, for the time step. Runs rarely (in float64 on the host), so it is plain.
+// stiffness, for the masses of relaxation. Runs rarely (in float64 on the host), so it is plain.
 
 // Modes of the displacement of the elements of one block.
 INLINE ElementModes load_modes(__global const real* u, __global const int* blocks, int block) {
@@ -15,22 +15,11 @@ INLINE ElementModes load_modes(__global const real* u, __global const int* block
   return m;
 }
 
-// Growth of the bulk stiffness that bounds the step: `spread`, sum_d |cof F e_d|^2 / h_d^2 over its
-// value at rest (the tangent of U is U'' cof F (x) cof F), times U''(J)/U''(1) of the log form; -1
-// where J <= 0.
-INLINE realv stiffness_growth(Tensor F, Tensor cof, realv spread, __global const real* parameters) {
-  const realv inverse_J = R(1.0) / volume_ratio(F, cof, parameters);
-  const realv growth = spread * (R(0.5) + R(0.5) * inverse_J * inverse_J);
-  return inverse_J > R(0.0) ? growth : broadcast(R(-1.0));
-}
-
-INLINE realv voxel_spread(Tensor cof, __global const real* shape) {
-  const real gx = shape[SHAPE_GRADIENT], gy = shape[SHAPE_GRADIENT + 1],
-             gz = shape[SHAPE_GRADIENT + 2];
-  return (gx * gx * (cof.xx * cof.xx + cof.yx * cof.yx + cof.zx * cof.zx) +
-          gy * gy * (cof.xy * cof.xy + cof.yy * cof.yy + cof.zy * cof.zy) +
-          gz * gz * (cof.xz * cof.xz + cof.yz * cof.yz + cof.zz * cof.zz)) *
-         (R(1.0) / (gx * gx + gy * gy + gz * gz));
+// stiffness_growth of a row's elements; -1 where J <= 0. Without element it means nothing.
+INLINE realv known_growth(Tensor F, Symmetric G, __global const real* parameters) {
+  const Tensor cof = cofactors(F);
+  const realv J = volume_ratio(F, cof, parameters);
+  return J > R(0.0) ? stiffness_growth(cof, J, G) : broadcast(R(-1.0));
 }
 
 // Work-item: a block. growth[block * TLED_LANES + lane].
@@ -44,9 +33,8 @@ __kernel void element_growth(__global const real* restrict u, __global real* res
   if (material < 0) return;
   const Tensor F =
       deformation_gradient(load_modes(u, blocks, block).linear, voxel_gradient(shape, 0));
-  const Tensor cof = cofactors(F);
-  store_lanes(stiffness_growth(F, cof, voxel_spread(cof, shape),
-                               materials + (long)material * (TLED_MATERIAL_ROWS * TLED_LANES)),
+  store_lanes(known_growth(F, voxel_spread(shape),
+                           materials + (long)material * (TLED_MATERIAL_ROWS * TLED_LANES)),
               growth + (long)block * TLED_LANES);
 }
 
@@ -167,7 +155,7 @@ __kernel void hex_state(
               state + (long)block * (TLED_STATE_ROWS * TLED_LANES));
 }
 
-// element_growth of a conforming mesh: sum_a |cof F dN_a/dX|^2 over its value at rest.
+// element_growth of a conforming mesh.
 __kernel void hex_growth(__global const real* restrict u, __global real* restrict growth,
                          __global const int* restrict blocks,
                          __global const real* restrict materials,
@@ -178,20 +166,7 @@ __kernel void hex_growth(__global const real* restrict u, __global real* restric
   const int material = blocks[(long)block * TLED_BLOCK_INTS + BLOCK_MATERIAL];
   if (material < 0) return;
   const HexElement e = hex_element(hex_nodes, hex_rows, block, 0);
-  const Tensor F = plus_identity(hex_modes(e, u).linear);
-  const Tensor cof = cofactors(F);
-  realv now = broadcast(R(0.0)), rest = now;
-  for (int corner = 0; corner < 8; ++corner) {
-    const realv bx = hex_row(e, HEX_GRADIENT + 3 * corner),
-                by = hex_row(e, HEX_GRADIENT + 3 * corner + 1),
-                bz = hex_row(e, HEX_GRADIENT + 3 * corner + 2);
-    const realv x = cof.xx * bx + cof.xy * by + cof.xz * bz,
-                y = cof.yx * bx + cof.yy * by + cof.yz * bz,
-                z = cof.zx * bx + cof.zy * by + cof.zz * bz;
-    now += x * x + y * y + z * z;
-    rest += bx * bx + by * by + bz * bz;
-  }
-  store_lanes(stiffness_growth(F, cof, now / rest,
-                               materials + (long)material * (TLED_MATERIAL_ROWS * TLED_LANES)),
+  store_lanes(known_growth(plus_identity(hex_modes(e, u).linear), hex_spread(e),
+                           materials + (long)material * (TLED_MATERIAL_ROWS * TLED_LANES)),
               growth + (long)block * TLED_LANES);
 }

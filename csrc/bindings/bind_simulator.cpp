@@ -295,6 +295,7 @@ void define_simulator(py::module_& module) {
       .def("choose_levels", &Simulator::choose_levels)
       .def("relative_cost",
            [](const Simulator& sim) { return relative_cost(sim.arrays(), sim.levels()); })
+      .def("node_squares", [](Simulator& sim) { return to_array(sim.node_squares()); })
       .def("node_steps", [](const Simulator& sim) { return to_array(sim.node_steps()); })
       .def_property_readonly("n_prescribed",
                              [](const Simulator& sim) { return sim.conditions().n_prescribed; })
@@ -351,7 +352,7 @@ void define_simulator(py::module_& module) {
              double reach_high) {
             const auto values = to_vector(activations);
             py::gil_scoped_release release;
-            const StepLimit limit = sim.limit_now(values, reach_low, reach_high, enough);
+            const StepLimit limit = sim.limit_now({values, reach_low, reach_high}, enough);
             py::gil_scoped_acquire acquire;
             return py::make_tuple(limit.dt, limit.bound.node, limit.bound.element, limit.bound.dt);
           },

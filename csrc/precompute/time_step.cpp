@@ -14,8 +14,6 @@ namespace {
 constexpr double kActiveSlope = 37.0 / 12.0;
 // Elements or blocks that one work-item takes.
 constexpr std::size_t kChunk = 4096;
-// Stretches at which a fibre's slope within its reach is looked at.
-constexpr int kReachSamples = 7;
 
 // Slope of stretch * f_pas(stretch) where the exponential ends; the line is steeper only beyond
 // stretches of 1.4.
@@ -24,120 +22,49 @@ double steepest_passive_slope(double lambda_pas) {
   return std::max(0.05 * (e - 1) + lambda_pas * 0.33 * e, 4.36 * 1.4 - 2.47);
 }
 
-// Fibre stress over J of kernels_cl/muscle/tension_length.cl and its slope over stretch, Pa.
-struct Tension {
-  double value, slope;
-};
-
-Tension fibre_tension(const VoxelMuscle& muscle, double activation, double stretch) {
-  if (muscle.calcium) {
-    const double sigma = activation * muscle.sigma_act,
-                 factor = std::max(1 + muscle.beta * (stretch - 1), 0.0),
-                 square = stretch * stretch;
-    return {sigma * factor / square,
-            sigma * ((factor > 0 ? muscle.beta : 0) - 2 * factor / stretch) / square};
-  }
-  const double lo = muscle.lambda_opt, x = stretch / lo;
-  const double active = -6.25 * x * x + 12.5 * x - 5.25;
-  Tension t{0, 0};
-  if (active > 0) {
-    t.value = activation * muscle.sigma_act * active;
-    t.slope = activation * muscle.sigma_act * 12.5 * (1 - x) / lo;
-  }
-  if (stretch > muscle.lambda_pas) {
-    const double line = muscle.printed_passive
-                            ? 2.18 * stretch - 2.47
-                            : 0.05 * (std::exp(6.6 * (muscle.lambda_pas - 1)) - 1) +
-                                  2.18 * (stretch - muscle.lambda_pas);
-    t.value += muscle.sigma_pas * line;
-    t.slope += muscle.sigma_pas * 2.18;
-  } else if (stretch > 1) {
-    const double e = std::exp(6.6 * (stretch - 1));
-    t.value += muscle.sigma_pas * 0.05 * (e - 1);
-    t.slope += muscle.sigma_pas * 0.33 * e;
-  }
-  return t;
-}
-
-struct Fibre {
-  double stretch, J, inverse_norm;  // of F^-1
-};
-
-Fibre fibre_state(const double* F, const double* d) {
-  double cof[3][3], square = 0;
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) {
-      const int a = (i + 1) % 3, b = (i + 2) % 3, c = (j + 1) % 3, e = (j + 2) % 3;
-      cof[i][j] = F[3 * a + c] * F[3 * b + e] - F[3 * a + e] * F[3 * b + c];
-      square += cof[i][j] * cof[i][j];
-    }
-  Fibre fibre{0, F[0] * cof[0][0] + F[1] * cof[0][1] + F[2] * cof[0][2], 0};
-  for (int i = 0; i < 3; ++i) {
-    const double v = F[3 * i] * d[0] + F[3 * i + 1] * d[1] + F[3 * i + 2] * d[2];
-    fibre.stretch += v * v;
-  }
-  fibre.stretch = std::sqrt(fibre.stretch);
-  fibre.inverse_norm = std::sqrt(square) / std::abs(fibre.J);
-  return fibre;
+std::array<double, 3> inverse_squares(const VoxelModel& model) {
+  const auto& h = model.voxel;
+  return {1 / (h[0] * h[0]), 1 / (h[1] * h[1]), 1 / (h[2] * h[2])};
 }
 
 }  // namespace
 
-std::vector<double> element_stiffness(const VoxelModel& model, const StiffnessState& state) {
-  const double* h = model.voxel.data();
-  const double inverse_square[3] = {1 / (h[0] * h[0]), 1 / (h[1] * h[1]), 1 / (h[2] * h[2])};
+std::vector<double> tissue_stiffness(const VoxelModel& model) {
+  const auto inverse_square = inverse_squares(model);
   const double of_box = inverse_square[0] + inverse_square[1] + inverse_square[2];
-  const double largest = *std::max_element(inverse_square, inverse_square + 3);
-  const std::size_t n_elements = model.n_elements();
-
-  std::vector<double> stiffness(n_elements);
-  parallel_for_chunks(n_elements, kChunk, [&](std::size_t begin, std::size_t end) {
+  const double largest = *std::max_element(inverse_square.begin(), inverse_square.end());
+  std::vector<double> stiffness(model.n_elements());
+  parallel_for_chunks(stiffness.size(), kChunk, [&](std::size_t begin, std::size_t end) {
     for (std::size_t e = begin; e < end; ++e) {
       const double bulk = model.bulk_modulus[e], mu = model.shear_modulus[e];
       const double lambda = bulk - 2 * mu / 3;
-      const double factor = state.growth.empty() ? 1 : std::max(state.growth[e], 1.0);
-      stiffness[e] =
-          factor * (model.conforming() ? model.hexahedra[e].stiffening *
-                                             linear_stiffness(model.hexahedra[e], lambda, mu)
-                                       : lambda * of_box + 2 * mu * largest);
-      if (!state.growth.empty() && !(state.growth[e] > 0)) stiffness[e] = HUGE_VAL;
+      stiffness[e] = model.conforming() ? model.hexahedra[e].stiffening *
+                                              linear_stiffness(model.hexahedra[e], lambda, mu)
+                                        : lambda * of_box + 2 * mu * largest;
     }
   });
-  for (std::size_t m = 0; m < model.muscles.size(); ++m) {
-    const VoxelMuscle& muscle = model.muscles[m];
+  return stiffness;
+}
+
+std::vector<double> element_stiffness(const VoxelModel& model, const std::vector<double>& growth) {
+  auto stiffness = tissue_stiffness(model);
+  for (std::size_t e = 0; e < growth.size(); ++e) stiffness[e] *= std::max(growth[e], 1.0);
+  const auto inverse_square = inverse_squares(model);
+  for (const VoxelMuscle& muscle : model.muscles) {
     const double steepest = muscle.sigma_act * kActiveSlope +
                             muscle.sigma_pas * steepest_passive_slope(muscle.lambda_pas);
     // An element is once in a muscle.
     const auto add = [&](std::size_t i) {
       const double* d = &muscle.fibre[3 * i];
-      double along = 0, sum = of_box;
-      if (model.conforming()) {  // 2 d.G d and 2 tr G in place of sums over 1/h^2
+      double along = 0;
+      if (model.conforming()) {  // 2 d.G d in place of the sum over 1/h^2
         const auto G = model.hexahedra[muscle.elements[i]].gradient_square();
         along = 2 * (G[0] * d[0] * d[0] + G[1] * d[1] * d[1] + G[2] * d[2] * d[2]) +
                 4 * (G[3] * d[0] * d[1] + G[4] * d[1] * d[2] + G[5] * d[0] * d[2]);
-        sum = 2 * (G[0] + G[1] + G[2]);
       } else {
         for (int c = 0; c < 3; ++c) along += d[c] * d[c] * inverse_square[c];
       }
-      double added = steepest * along;
-      if (!state.activations.empty()) {
-        const Fibre fibre = fibre_state(&state.deformation_gradient[9 * muscle.elements[i]], d);
-        if (!(fibre.J > 0)) return;
-        added = 0;
-        for (int k = 0; k < kReachSamples; ++k) {
-          const double share =
-              state.reach_low + (state.reach_high - state.reach_low) * k / (kReachSamples - 1);
-          const double stretch = share * fibre.stretch;
-          const Tension t = fibre_tension(muscle, state.activations[m], stretch);
-          // P = J T(stretch) F d (x) d: along the fibre, across it, and through J: the symmetric
-          // part of F d (x) d times F^-T is at most (|F d| |F^-1| + 1)/2.
-          const double straight = std::max(t.value + stretch * t.slope, t.value) * along;
-          const double through_J =
-              std::abs(t.value) * 0.5 * (stretch * fibre.inverse_norm + 1) * std::sqrt(along * sum);
-          added = std::max(added, fibre.J * (std::max(straight, 0.0) + through_J));
-        }
-      }
-      stiffness[muscle.elements[i]] += muscle.weight[i] * added;
+      stiffness[muscle.elements[i]] += muscle.weight[i] * steepest * along;
     };
     parallel_for_chunks(muscle.elements.size(), kChunk, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) add(i);

@@ -275,6 +275,10 @@ class HexahedraPath final : public ForcePath {
     gather_->enqueue(n_slots_, kGroup);
   }
 
+  HexahedraBuffers hexahedra() const override {
+    return {nodes_.get(), rows_.get(), begin_.get(), places_.get()};
+  }
+
  private:
   std::size_t n_items_, n_slots_;
   std::unique_ptr<Buffer> element_forces_, nodes_, rows_, begin_, places_;

@@ -22,6 +22,11 @@ struct SolverBuffers {
       *muscle_sets, *muscle_constants, *shape, *step_table;
 };
 
+// What a conforming mesh has besides; null for voxels.
+struct HexahedraBuffers {
+  const Buffer *nodes = nullptr, *rows = nullptr, *begin = nullptr, *places = nullptr;
+};
+
 struct ForcePathOptions {
   Precision precision = Precision::kSingle;
   HourglassForm hourglass = HourglassForm::kPhysical;
@@ -63,6 +68,7 @@ class ForcePath {
   virtual void set_levels(const BlockLevels& levels) { static_cast<void>(levels); }
   // Forces of the elements on the nodes under u[now], row 0 of the table; histories stay.
   virtual void enqueue_forces(int now, Buffer& force) = 0;
+  virtual HexahedraBuffers hexahedra() const { return {}; }
   std::size_t bytes() const { return bytes_; }  // of its own arrays
 
  protected:

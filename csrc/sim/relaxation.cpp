@@ -5,7 +5,6 @@
 #include <string>
 
 #include "core/error.hpp"
-#include "core/threads.hpp"
 #include "precompute/layout.hpp"
 #include "sim/simulator.hpp"
 
@@ -16,35 +15,6 @@ namespace {
 constexpr double kForever = 1e9;
 
 constexpr double kInvertedGrowth = 8;
-
-// F at the centre of the elements that hold fibres, 9 per element; 0 elsewhere.
-std::vector<double> fibre_gradients(const VoxelModel& model, const SolverArrays& arrays,
-                                    const std::vector<double>& u) {
-  const auto slots = nodes_to_slots(arrays, u);
-  const auto& order = arrays.order;
-  const std::int64_t lanes = arrays.lanes;
-  std::vector<double> gradient(9 * model.n_elements(), 0.0);
-  for (const VoxelMuscle& muscle : model.muscles)
-    parallel_for_chunks(muscle.elements.size(), 1024, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t i = begin; i < end; ++i) {
-        const std::int64_t e = muscle.elements[i];
-        double F[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-        for (int corner = 0; corner < 8; ++corner) {
-          const std::int64_t slot = arrays.corner_slot(e, corner);
-          const double* at = &slots[slot / lanes * 3 * lanes + slot % lanes];
-          for (int c = 0; c < 3; ++c)
-            for (int d = 0; d < 3; ++d) {
-              const double slope = model.conforming()
-                                       ? model.hexahedra[e].gradient[3 * corner + d]
-                                       : (corner >> d & 1 ? 1 : -1) / (4 * model.voxel[order[d]]);
-              F[3 * order[c] + order[d]] += at[c * lanes] * slope;
-            }
-        }
-        std::copy_n(F, 9, &gradient[9 * e]);
-      }
-    });
-  return gradient;
-}
 
 }  // namespace
 
@@ -79,42 +49,32 @@ std::vector<double> Simulator::external_force(const std::vector<double>& values)
 }
 
 StepLimiter& Simulator::limiter() {
-  if (!limiter_) limiter_ = std::make_unique<StepLimiter>(*this);
+  if (!limiter_) {
+    auto bounds =
+        std::make_unique<StepBounds>(*device_, *program_, model_, arrays_, solver_buffers(),
+                                     path_->hexahedra(), options_.precision, row_shape());
+    limiter_ = std::make_unique<StepLimiter>(*this, std::move(bounds));
+    device_bytes_ += limiter_->bytes();
+  }
   return *limiter_;
 }
 
-StiffnessState Simulator::stiffness_state(const std::vector<double>& u,
-                                          const std::vector<double>& activations) {
-  if (activations.size() != model_.muscles.size())
-    throw InputError("time step: one activation a muscle is needed");
-  StiffnessState state;
-  state.growth = evaluator().growth(u);
-  state.activations = activations;
-  if (!activations.empty()) state.deformation_gradient = fibre_gradients(model_, arrays_, u);
-  return state;
-}
-
-StepLimit Simulator::limit_now(const std::vector<double>& activations, double reach_low,
-                               double reach_high, double enough) {
-  const auto u = displacement();
-  StiffnessState state = stiffness_state(u, activations);
-  state.reach_low = reach_low;
-  state.reach_high = reach_high;
-  return limiter().limit(u, history(), std::move(state), enough);
+StepLimit Simulator::limit_now(const FibreReach& reach, double enough) {
+  check_activations("limit_now", reach.activations);
+  return limiter().limit(reach, enough);
 }
 
 StepLimit Simulator::measured_limit(const std::vector<double>& activations) {
-  const auto u = displacement();
-  return limiter().measure(u, history(), stiffness_state(u, activations));
+  check_activations("measured_limit", activations);
+  return limiter().measure(activations);
 }
 
 std::vector<double> Simulator::relaxation_masses() {
-  StiffnessState state;
-  state.growth = evaluator().growth(displacement());
+  auto growth = evaluator().growth(displacement());
   // An inverted element must stay free to turn back.
-  for (double& value : state.growth)
+  for (double& value : growth)
     if (!(value > 0)) value = kInvertedGrowth;
-  auto masses = node_stiffness(model_, arrays_, element_stiffness(model_, state));
+  auto masses = node_stiffness(model_, arrays_, element_stiffness(model_, growth));
   for (double& mass : masses) mass /= 4;  // omega = 2
   return masses;
 }

@@ -5,6 +5,7 @@
 
 #include "core/error.hpp"
 #include "precompute/layout.hpp"
+#include "sim/kernel_binder.hpp"
 #include "sim/kernel_choice.hpp"
 
 namespace tledface {
@@ -159,13 +160,7 @@ std::unique_ptr<Buffer> Simulator::upload(const std::vector<std::int32_t>& value
 }
 
 void Simulator::write_reals(Buffer& buffer, const std::vector<double>& values) {
-  if (values.empty()) return;
-  if (options_.precision == Precision::kDouble) {
-    buffer.write(values.data(), values.size() * sizeof(double));
-  } else {
-    const auto narrow = narrowed<float>(values);
-    buffer.write(narrow.data(), narrow.size() * sizeof(float));
-  }
+  tledface::write_reals(buffer, values, options_.precision);
 }
 
 void Simulator::write_table(const std::vector<double>& rows) {
@@ -317,15 +312,7 @@ std::vector<double> Simulator::read_slots(const Buffer& buffer) {
 
 std::vector<double> Simulator::read_reals(const Buffer& buffer, std::size_t count) {
   device_->finish();
-  std::vector<double> slots(count);
-  if (options_.precision == Precision::kDouble) {
-    buffer.read(slots.data(), count * sizeof(double));
-  } else {
-    std::vector<float> narrow(count);
-    buffer.read(narrow.data(), count * sizeof(float));
-    std::copy(narrow.begin(), narrow.end(), slots.begin());
-  }
-  return slots;
+  return tledface::read_reals(buffer, count, options_.precision);
 }
 
 std::vector<double> Simulator::displacement() {
@@ -429,11 +416,7 @@ void Simulator::set_dt(double dt) {
   if (!(dt > 0) || !std::isfinite(dt))
     throw InputError("dt: got " + std::to_string(dt) + ", allowed is a positive number of seconds");
   if (dt_ > 0 && dt != dt_) {
-    const auto now = read_slots(*u_[now_]);
-    auto before = read_slots(*u_[1 - now_]);
-    for (std::size_t i = 0; i < now.size(); ++i)
-      before[i] = now[i] - (now[i] - before[i]) * (dt / dt_);
-    write_reals(*u_[1 - now_], before);
+    checks().scale_last_step(*u_[now_], *u_[1 - now_], dt / dt_);
   }
   clock_start_ = time();
   clock_steps_ = 0;
@@ -454,9 +437,13 @@ StateEvaluator& Simulator::evaluator() {
   return *evaluator_;
 }
 
-std::vector<double> Simulator::internal_force(const std::vector<double>& activations) {
+void Simulator::check_activations(const char* what, const std::vector<double>& activations) const {
   if (activations.size() != model_.muscles.size())
-    throw InputError("internal_force: one activation a muscle is needed");
+    throw InputError(std::string(what) + ": one activation a muscle is needed");
+}
+
+std::vector<double> Simulator::internal_force(const std::vector<double>& activations) {
+  check_activations("internal_force", activations);
   return force_at(starts_ ? 0 : dt_, activations);
 }
 
@@ -494,15 +481,24 @@ std::vector<double> Simulator::force_at(double dt, const std::vector<double>& ac
 }
 
 ElementState Simulator::element_state(const std::vector<double>& activations) {
-  if (activations.size() != model_.muscles.size())
-    throw InputError("element_state: one activation a muscle is needed");
+  check_activations("element_state", activations);
   std::vector<double> history;
   if (arrays_.n_history_rows)
     history = history_in_layout(model_, arrays_, this->history(), evaluator().arrays());
   return evaluator().evaluate(displacement(), activations, history, starts_ ? 0 : dt_, time());
 }
 
+StateChecks& Simulator::checks() {
+  if (!checks_) {
+    checks_ = std::make_unique<StateChecks>(Binder(*device_, *program_), options_.precision,
+                                            row_shape(), arrays_.n_blocks);
+    device_bytes_ += checks_->bytes();
+  }
+  return *checks_;
+}
+
 std::int64_t Simulator::first_non_finite_node() {
+  if (checks().is_finite(*u_[now_])) return -1;
   const auto u = displacement();
   for (std::size_t i = 0; i < u.size(); ++i)
     if (!std::isfinite(u[i])) return static_cast<std::int64_t>(i / 3);

@@ -13,6 +13,7 @@
 #include "precompute/layout.hpp"
 #include "precompute/solver_arrays.hpp"
 #include "precompute/time_step.hpp"
+#include "sim/device_checks.hpp"
 #include "sim/force_path.hpp"
 #include "sim/nodal_conditions.hpp"
 #include "sim/sliding.hpp"
@@ -114,13 +115,14 @@ class Simulator {
   // Which step each block takes, by the bounds of the last limit_now(); the velocity is kept.
   void choose_levels();
   const BlockLevels& levels() const { return levels_; }
+  // omega^2 of each node's bound in the last limit_now(), 1/s^2; empty before it.
+  std::vector<double> node_squares() { return limiter().reached_squares(); }
   // Of each node: its step over the shortest.
   std::vector<std::int32_t> node_steps() const;
   // Bound at rest with each muscle's steepest slope.
   TimeStepBound bound_at_rest() const;
   // The limit under the deformation of now; see StepLimiter::limit.
-  StepLimit limit_now(const std::vector<double>& activations, double reach_low, double reach_high,
-                      double enough);
+  StepLimit limit_now(const FibreReach& reach, double enough);
   StepLimit measured_limit(const std::vector<double>& activations);
 
   // Counted from the last change of dt: the same number however steps were dealt to calls.
@@ -222,8 +224,9 @@ class Simulator {
   void enqueue_force(double dt, const std::vector<double>& activations, Buffer& force,
                      bool weighted = false);
   StepLimiter& limiter();
-  StiffnessState stiffness_state(const std::vector<double>& u,
-                                 const std::vector<double>& activations);
+  StateChecks& checks();
+  RowShape row_shape() const { return {rows_, arrays_.lanes}; }
+  void check_activations(const char* what, const std::vector<double>& activations) const;
 
   std::shared_ptr<Device> device_;
   VoxelModel model_;
@@ -250,8 +253,9 @@ class Simulator {
       muscle_constants_, shape_, step_table_, law_entries_, law_sets_, history_[2];
   std::unique_ptr<Buffer> force_;  // of instant_force_in_place
   std::unique_ptr<ForcePath> path_;
-  std::unique_ptr<StateEvaluator> evaluator_;  // these two are made when first asked for
+  std::unique_ptr<StateEvaluator> evaluator_;  // these three are made when first asked for
   std::unique_ptr<StepLimiter> limiter_;
+  std::unique_ptr<StateChecks> checks_;
   int now_ = 0;
   BlockLevels levels_;
 

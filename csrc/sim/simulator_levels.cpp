@@ -22,7 +22,7 @@ void Simulator::set_substeps(std::int64_t substeps) {
 
 void Simulator::choose_levels() {
   if (levels_.n_levels == 1) return;
-  const auto& squares = limiter().reached_squares();
+  const auto squares = limiter().reached_squares();
   if (squares.empty()) return;
   take_levels(tledface::choose_levels(model_, arrays_, squares, dt_, levels_.n_levels, levels_));
 }
@@ -58,8 +58,7 @@ std::vector<std::int32_t> Simulator::node_steps() const {
 }
 
 std::vector<double> Simulator::weighted_force(const std::vector<double>& activations) {
-  if (activations.size() != model_.muscles.size())
-    throw InputError("weighted_force: one activation a muscle is needed");
+  check_activations("weighted_force", activations);
   return force_at(starts_ ? 0 : dt_, activations, true);
 }
 

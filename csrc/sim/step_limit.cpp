@@ -93,12 +93,20 @@ Ritz largest_ritz(const std::vector<double>& alpha, const std::vector<double>& b
   return {high, std::abs(v[n - 1]) / std::sqrt(dot(v, v))};
 }
 
+// Every node held: no step is too long.
+TimeStepBound bound_of(const StepBounds::Largest& largest) {
+  return {largest.square > 0 ? 2 / std::sqrt(largest.square) : HUGE_VAL, largest.node,
+          largest.element};
+}
+
 }  // namespace
 
-StepLimiter::StepLimiter(Simulator& sim)
-    : model_(sim.model()),
+StepLimiter::StepLimiter(Simulator& sim, std::unique_ptr<StepBounds> bounds)
+    : sim_(sim),
+      model_(sim.model()),
       given_(sim.arrays()),
       node_mass_(sim.arrays().node_mass),
+      bounds_(std::move(bounds)),
       host_([&] {
         SimulatorOptions options = sim.options();
         options.precision = Precision::kDouble;
@@ -112,9 +120,8 @@ StepLimiter::StepLimiter(Simulator& sim)
 
 StepLimiter::~StepLimiter() = default;
 
-double StepLimiter::highest_square(const std::vector<double>& u, const std::vector<double>& past,
-                                   const std::vector<double>& activations,
-                                   const std::vector<double>& node_squares) {
+double StepLimiter::highest_square(const std::vector<double>& activations) {
+  const auto u = sim_.displacement(), past = sim_.history(), node_squares = bounds_->squares();
   const std::size_t n = u.size(), lanes = arrays_.lanes;
   std::vector<double> inverse_root(n), q(n), before(n, 0.0), w(n), force(n);
   const double highest = *std::max_element(node_squares.begin(), node_squares.end());
@@ -174,69 +181,50 @@ double StepLimiter::highest_square(const std::vector<double>& u, const std::vect
   return HUGE_VAL;
 }
 
-std::vector<double> StepLimiter::squares_of(const std::vector<double>& at_node) const {
-  std::vector<double> squares(at_node.size());
-  for (std::size_t n = 0; n < squares.size(); ++n) {
-    const bool held = model_.fixed[3 * n] && model_.fixed[3 * n + 1] && model_.fixed[3 * n + 2];
-    squares[n] = held ? 0 : at_node[n] / node_mass_[n];
-  }
-  return squares;
+std::vector<double> StepLimiter::last_squares() const {
+  return last_square_ > 0 ? bounds_->kept_squares() : std::vector<double>();
 }
 
-void StepLimiter::restore(std::vector<double> squares, double square) {
-  last_squares_ = std::move(squares);
+void StepLimiter::restore(const std::vector<double>& squares, double square) {
   last_square_ = square;
+  if (square > 0) bounds_->set_kept_squares(squares);
 }
 
-StepLimit StepLimiter::limit(const std::vector<double>& u, const std::vector<double>& past,
-                             StiffnessState state, double enough) {
+StepLimit StepLimiter::limit(const FibreReach& reach, double enough) {
+  const bool base_only = model_.laws.empty();
+  auto largest = bounds_->evaluate(sim_.displacement_buffer(), reach,
+                                   last_square_ > 0 ? last_square_ : HUGE_VAL);
   StepLimit result;
-  const auto stiffness = element_stiffness(model_, state);
-  const auto at_node = node_stiffness(model_, arrays_, stiffness);
-  result.bound = time_step_bound(model_, arrays_, stiffness, at_node);
+  result.bound = bound_of(largest);
   result.dt = result.bound.dt;
   if (!(result.bound.dt > 0) || !std::isfinite(result.bound.dt)) return result;
-  StiffnessState exact = state;
-  exact.reach_low = exact.reach_high = 1;
-  const bool reaches = state.reach_low != 1 || state.reach_high != 1;
-  const auto& reached = reached_squares_ = squares_of(at_node);
-  const auto squares =
-      reaches && !model_.muscles.empty()
-          ? squares_of(node_stiffness(model_, arrays_, element_stiffness(model_, exact)))
-          : reached;
-  const auto growth = [&](const std::vector<double>& now, const std::vector<double>& then) {
-    double most = 1;
-    for (std::size_t n = 0; n < now.size(); ++n)
-      if (now[n] > last_square_) most = std::max(most, now[n] / then[n]);
-    return most;
-  };
-  const bool base_only = model_.laws.empty();
-  double since = last_square_ > 0 ? growth(squares, last_squares_) : HUGE_VAL;
+  if (!(last_square_ > 0)) largest.since = HUGE_VAL;
   const auto scaled = [&] {
-    if (since > kTrustedGrowth) return result.bound.dt;
+    if (largest.since > kTrustedGrowth) return result.bound.dt;
     const double limit =
-        2 / std::sqrt(last_square_ * std::pow(since, kGrowthPower) * growth(reached, squares));
+        2 / std::sqrt(last_square_ * std::pow(largest.since, kGrowthPower) * largest.reach);
     return base_only ? std::max(result.bound.dt, limit) : limit;
   };
   result.dt = scaled();
   if (result.dt < enough || (!base_only && enough > 0)) {
-    last_squares_ = squares;
-    last_square_ = highest_square(u, past, state.activations, squares);
-    since = 1;
+    last_square_ = highest_square(reach.activations);
+    bounds_->keep_squares();
+    largest.since = 1;
+    largest.reach = bounds_->above(last_square_).reach;
     result.dt = scaled();
     result.iterated = true;
   }
   return result;
 }
 
-StepLimit StepLimiter::measure(const std::vector<double>& u, const std::vector<double>& past,
-                               const StiffnessState& state) {
-  auto squares = std::move(last_squares_), reached = reached_squares_;
-  const double square = last_square_;
-  last_square_ = 0;
-  const StepLimit result = limit(u, past, state, HUGE_VAL);
-  restore(std::move(squares), square);
-  reached_squares_ = std::move(reached);
+StepLimit StepLimiter::measure(const std::vector<double>& activations) {
+  StepLimit result;
+  result.bound = bound_of(bounds_->measure(sim_.displacement_buffer(), activations));
+  result.dt = result.bound.dt;
+  if (!(result.bound.dt > 0) || !std::isfinite(result.bound.dt)) return result;
+  const double limit = 2 / std::sqrt(highest_square(activations));
+  result.dt = model_.laws.empty() ? std::max(result.bound.dt, limit) : limit;
+  result.iterated = true;
   return result;
 }
 

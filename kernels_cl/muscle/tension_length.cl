@@ -36,3 +36,27 @@ INLINE realv muscle_tension(__global const real* constants, real activation, rea
   passive = stretch < lambda_pas ? passive : line;
   return (activation * constants[MUSCLE_SIGMA_ACT]) * active + constants[MUSCLE_SIGMA_PAS] * passive;
 }
+
+// Slope of muscle_tension over stretch, Pa.
+INLINE realv muscle_tension_slope(__global const real* constants, real activation, realv stretch) {
+  const realv zero = broadcast(R(0.0)), one = broadcast(R(1.0));
+  const real sigma_act = activation * constants[MUSCLE_SIGMA_ACT];
+  if (constants[MUSCLE_CALCIUM] > R(0.5)) {
+    const real beta = constants[MUSCLE_BETA];
+    realv sigma = R(1.0) + beta * (stretch - R(1.0)), square = stretch * stretch;
+    const realv slope = sigma > zero ? broadcast(beta) : zero;
+    sigma = sigma > zero ? sigma : zero;
+    square = square > zero ? square : one;
+    return sigma_act * (slope - R(2.0) * sigma * stretch / square) / square;
+  }
+  const real linear = constants[MUSCLE_LINEAR], squared = constants[MUSCLE_SQUARE];
+  const realv active = stretch * (linear + stretch * squared) - R(5.25);
+  const realv active_slope = active > zero ? linear + stretch * (R(2.0) * squared) : zero;
+  const real lambda_pas = constants[MUSCLE_LAMBDA_PAS];
+  realv within = stretch < lambda_pas ? stretch : broadcast(lambda_pas);
+  within = within > R(1.0) ? within - R(1.0) : zero;
+  realv passive_slope = R(0.33) * exponential(R(6.6) * within);
+  passive_slope = stretch > R(1.0) ? passive_slope : zero;
+  passive_slope = stretch < lambda_pas ? passive_slope : broadcast(R(2.18));
+  return sigma_act * active_slope + constants[MUSCLE_SIGMA_PAS] * passive_slope;
+}

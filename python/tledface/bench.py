@@ -287,5 +287,5 @@ def _face_table(face: dict[str, Any]) -> str:
     return (
         f"\nface, {face['elements']:,} elements, {face['nodes']:,} nodes, "
         f"{face['sliding_nodes']:,} sliding: {face['ms_per_step']:.2f} ms/step, "
-        f"{face['sliding_share']:.0%} of it for sliding"
+        f"{face['sliding_share']:.0%} of it for sliding, {face['ms_per_look']:.2f} ms a look"
     )

@@ -1,4 +1,4 @@
-"""What sliding costs: steps of the benchmark's face with its nodes on the bone, and let go.
+"""What sliding and looks cost: the benchmark's face with its nodes on the bone, and let go.
 
 The body is the core's (``csrc/bench/workloads.cpp``): a shell of skin with the numbers of
 Warburton & Maddock's forehead (Table II), thrown along its bone at the speed at which a brow
@@ -51,6 +51,17 @@ def advance(sim: _core.Simulator, steps: int) -> None:
     sim.step(steps, _RISE * sim.dt * (sim.n_steps + np.arange(steps)[:, None]))
 
 
+def _ms_per_look(sim: _core.Simulator) -> float:
+    """Of a look at the limit and at whether all is finite, as a run has them; median."""
+    levels, taken = np.full(1, _RISE * sim.time), []
+    for _ in range(_TIMINGS + 1):
+        begin = time.perf_counter()
+        sim.first_non_finite_node()
+        sim.limit_now(levels, 0.0, 0.8, 1.1)
+        taken.append(time.perf_counter() - begin)
+    return 1e3 * statistics.median(taken[1:])
+
+
 def measure_sliding(
     device: Any = "auto", elements: int | None = None, *, hourglass: str = "physical"
 ) -> dict[str, Any]:
@@ -63,7 +74,8 @@ def measure_sliding(
 
     Returns:
         ``elements``, ``nodes``, ``sliding_nodes``, ``ms_per_step``, ``without`` (ms), and
-        ``sliding_share`` of a step: medians over turns, with the ``spread`` of the share.
+        ``sliding_share`` of a step: medians over turns, with the ``spread`` of the share;
+        ``ms_per_look`` at the limit of the step.
     """
     opened = device_module.resolve(device)
     tune(opened, precision="single", hourglass=hourglass)
@@ -95,4 +107,5 @@ def measure_sliding(
         "without": 1e3 * statistics.median(taken[1]),
         "sliding_share": statistics.median(shares),
         "spread": max(shares) - min(shares),
+        "ms_per_look": _ms_per_look(sims[0]),
     }

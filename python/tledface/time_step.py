@@ -40,7 +40,7 @@ SAFETY, _TAUT = 0.8, 0.88
 # Shares of the bound's stiffness that selective mass scaling tries, the first that does is taken.
 RELIEFS = (0.5, 0.6, 0.75, 1.0)
 # Shortest steps between two looks at the state (finite? the limit for the strain of now?): few at
-# first and while the limit is falling, then more. A look costs as much as some 20 steps.
+# first and while the limit is falling, then more. A look costs as much as a step or two.
 _FIRST_CHECK, _LAST_CHECK = 8, 512
 # An automatic dt is raised by no less than the first factor, up to that of rest, since each change
 # costs some accuracy. The iteration that finds out is run when the nodes' bound, which moves less

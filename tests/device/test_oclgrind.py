@@ -88,22 +88,28 @@ def test_no_race_and_no_invalid_access(oclgrind, tmp_path, kernels, precision, h
 
 
 @pytest.mark.parametrize(
-    ("text", "instead", "what"),
+    ("file", "text", "instead", "what"),
     [
-        ("barrier(CLK_LOCAL_MEM_FENCE);", "", "data race at local memory"),
-        ("(plane & 1) * n_items", "0 * n_items", "data race at local memory"),
-        ("owned && block < n_blocks", "block < n_blocks", "Invalid read of size 4 at local"),
-        ("i > 0 && j > 0 && plane > 0", "i > 0 && j > 0", "data race at global memory"),
+        ("tile.cl", "barrier(CLK_LOCAL_MEM_FENCE);", "", "data race at local memory"),
+        ("tile.cl", "(plane & 1) * n_items", "0 * n_items", "data race at local memory"),
+        (
+            "tile.cl",
+            "owned && block < n_blocks",
+            "block < n_blocks",
+            "Invalid read of size 4 at local",
+        ),
+        ("tile.cl", "i > 0 && j > 0 && plane > 0", "i > 0 && j > 0", "data race at global memory"),
+        ("device_checks.cl", "if (item >= n_left) return;", "", "data race at global memory"),
     ],
-    ids=["no barrier", "one buffer", "nodes of the halo", "nodes of the tile below"],
+    ids=["no barrier", "one buffer", "nodes of the halo", "nodes of the tile below", "a look"],
 )
-def test_what_is_wrong_is_seen(oclgrind, tmp_path, text, instead, what):
+def test_what_is_wrong_is_seen(oclgrind, tmp_path, file, text, instead, what):
     """The checks above can fail: each of these mistakes is reported."""
     folder = tmp_path / "kernels"
     shutil.copytree(KERNELS, folder)
-    source = (folder / "tile.cl").read_text()
+    source = (folder / file).read_text()
     assert source.count(text) == 1
-    (folder / "tile.cl").write_text(source.replace(text, instead))
+    (folder / file).write_text(source.replace(text, instead))
     said = complaints(
         oclgrind,
         tmp_path / "log",

@@ -53,3 +53,5 @@ def test_measure_sliding_reports_the_share():
     assert result["sliding_share"] < 1.0
     assert result["ms_per_step"] > 0.0 and result["without"] > 0.0
     assert f"{result['sliding_share']:.0%}" in bench._face_table(result)
+    assert 0.0 < result["ms_per_look"] < 1e3
+    assert f"{result['ms_per_look']:.2f} ms a look" in bench._face_table(result)

@@ -177,6 +177,7 @@ inline realv previous_lanes(const realv& own, real first) {
   return Counted(first);
 }
 inline real last_lane(const realv& v) { return v.use(); }
+inline real lane_of(const realv& v, int) { return v.use(); }
 inline realv square_root(const realv& x) {
   counts.roots += 1;
   return Counted(static_cast<real>(__builtin_sqrt(x.use())));

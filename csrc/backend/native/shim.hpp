@@ -88,6 +88,7 @@ inline realv previous_lanes(realv own, real first) {
 }
 #endif
 inline real last_lane(realv v) { return v[TLED_LANES - 1]; }
+inline real lane_of(realv v, int lane) { return v[lane]; }
 
 // Loops over lanes: the compiler turns the first and last into one instruction a vector.
 inline realv square_root(realv x) {
