@@ -78,6 +78,16 @@ const KernelTable& table_of(Precision precision) {
 
 constexpr std::size_t kAlignment = 64;
 
+class NativeReading final : public Reading {
+ public:
+  NativeReading(const void* source, std::size_t bytes)
+      : bytes_(static_cast<const char*>(source), static_cast<const char*>(source) + bytes) {}
+  const void* bytes() override { return bytes_.data(); }
+
+ private:
+  std::vector<char> bytes_;
+};
+
 class NativeBuffer final : public Buffer {
  public:
   explicit NativeBuffer(std::size_t bytes) : bytes_(bytes) {
@@ -100,6 +110,9 @@ class NativeBuffer final : public Buffer {
   void read(void* target, std::size_t bytes, std::size_t offset) const override {
     check_range(bytes, offset);
     if (bytes) std::memcpy(target, static_cast<const char*>(data_) + offset, bytes);
+  }
+  std::unique_ptr<Reading> read_later() const override {
+    return std::make_unique<NativeReading>(data_, bytes_);
   }
   void* host_pointer() const override { return data_; }
 
