@@ -148,13 +148,14 @@ echo "gpu.sh: tledface bench ${options[*]} --device $id"
 # Kernels are chosen first, by timing them where no one did before: not while others are timed.
 "$python" -c '
 import sys
-from tledface.autotune import tune
+from tledface.autotune import tune, tune_recording
 from tledface.cli import main
 from tledface.device import resolve
 
 device = resolve(sys.argv[sys.argv.index("--device") + 1])
 for hourglass in ("physical", "joldes"):
     tune(device, precision="single", hourglass=hourglass)
+tune_recording(device)
 main()
 ' bench "${options[@]}" --device "$id" --json > "$scratch/bench.json"
 slug=$(tr '[:upper:]' '[:lower:]' <<< "$name" | sed 's/[^a-z0-9]\+/-/g; s/^-//; s/-$//')
