@@ -161,6 +161,13 @@ StepInput make_input(const Array<double>& activations, const Array<double>& valu
   return {to_vector(activations), to_vector(values), to_vector(keys)};
 }
 
+// What a function that may wait for the device gives, while Python's lock is free.
+template <class Function>
+auto without_lock(Function function) {
+  py::gil_scoped_release release;
+  return function();
+}
+
 py::dict state_dict(ElementState&& state) {
   py::dict result;
   result["deformation_gradient"] = to_array(std::move(state.deformation_gradient), 9);
@@ -286,20 +293,10 @@ void define_simulator(py::module_& module) {
       .def_property_readonly("n_steps", &Snapshot::n_steps)
       .def("displacement",
            [](Snapshot& snapshot) {
-             std::vector<double> u;
-             {
-               py::gil_scoped_release release;
-               u = snapshot.displacement();
-             }
-             return to_array(std::move(u), 3);
+             return to_array(without_lock([&] { return snapshot.displacement(); }), 3);
            })
       .def("element_state", [](Snapshot& snapshot) {
-        ElementState state;
-        {
-          py::gil_scoped_release release;
-          state = snapshot.element_state();
-        }
-        return state_dict(std::move(state));
+        return state_dict(without_lock([&] { return snapshot.element_state(); }));
       });
   py::class_<Simulator>(module, "Simulator", "The step loop on one device; see tledface.Simulator.")
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
@@ -426,7 +423,10 @@ void define_simulator(py::module_& module) {
            [](const Simulator& sim) {
              return to_array(std::vector<double>(sim.arrays().node_mass));
            })
-      .def("displacement", [](Simulator& sim) { return to_array(sim.displacement(), 3); })
+      .def("displacement",
+           [](Simulator& sim) {
+             return to_array(without_lock([&] { return sim.displacement(); }), 3);
+           })
       .def("velocity", [](Simulator& sim) { return to_array(sim.velocity(), 3); })
       .def(
           "set_state",
@@ -436,7 +436,7 @@ void define_simulator(py::module_& module) {
           py::arg("u"), py::arg("velocity"), py::arg("time"))
       .def("raw_state",
            [](Simulator& sim) {
-             RawState state = sim.raw_state();
+             RawState state = without_lock([&] { return sim.raw_state(); });
              py::dict result;
              result["u"] = to_array(std::move(state.u));
              result["u_prev"] = to_array(std::move(state.u_prev));
@@ -480,13 +480,17 @@ void define_simulator(py::module_& module) {
            })
       .def("element_state",
            [](Simulator& sim, const Array<double>& activations) {
-             return state_dict(sim.element_state(to_vector(activations)));
+             const auto values = to_vector(activations);
+             return state_dict(without_lock([&] { return sim.element_state(values); }));
            })
-      .def("first_non_finite_node", &Simulator::first_non_finite_node)
+      .def("first_non_finite_node", &Simulator::first_non_finite_node,
+           py::call_guard<py::gil_scoped_release>())
       .def(
           "snapshot",
           [](Simulator& sim, const Array<double>& activations) {
-            return sim.snapshot(to_vector(activations));
+            const auto values = to_vector(activations);
+            py::gil_scoped_release release;
+            return sim.snapshot(values);
           },
           py::arg("activations"), py::keep_alive<0, 1>())
       .def_property_readonly("records", &Simulator::records)

@@ -190,9 +190,10 @@ OpenClStage OpenClQueue::take_stage(std::size_t bytes) {
   // Memory that the driver has pinned: to any other, some drivers copy while the host waits.
   stage.pinned = api.CreateBuffer(context.handle, cl::kMemoryReadWrite | cl::kMemoryAllocateOnHost,
                                   bytes, nullptr, &status);
+  // The queue maps it before it reads into it; to wait here is to wait for readings under way.
   if (status == cl::kSuccess)
     stage.on_host =
-        api.EnqueueMapBuffer(transfers, stage.pinned, cl::kTrue, cl::kMapRead | cl::kMapWrite, 0,
+        api.EnqueueMapBuffer(transfers, stage.pinned, cl::kFalse, cl::kMapRead | cl::kMapWrite, 0,
                              bytes, 0, nullptr, nullptr, &status);
   if (status != cl::kSuccess || !stage.on_host) {
     if (stage.pinned) api.ReleaseMemObject(stage.pinned);
