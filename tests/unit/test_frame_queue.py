@@ -15,7 +15,8 @@ from tledface.errors import SimulationError
 from tledface.examples import flat_block
 from tledface.frame_queue import IN_FLIGHT, FrameQueue
 from tledface.io.vtkhdf import VTKHDFWriter
-from tledface.run import resume_run, run_scene
+from tledface.run import resume_run, run_scene, simulator_of
+from tledface.run_checkpoints import RunCheckpoints
 from tledface.scene import Scene
 
 PATIENCE = 60.0  # s, for what must come without waiting for anything
@@ -127,6 +128,11 @@ def scene(tmp_path_factory):
     return Scene.load(path)
 
 
+@pytest.fixture(scope="module")
+def whole(scene, tmp_path_factory):
+    return run_scene(scene, tmp_path_factory.mktemp("whole") / "out", device="native", quiet=True)
+
+
 def frames_in(folder):
     """Times, displacements and stresses of the frames of a run."""
     with h5py.File(folder / "frames.vtkhdf") as file:
@@ -163,12 +169,9 @@ def test_steps_go_on_while_a_frame_is_written(scene, tmp_path, monkeypatch, devi
         assert np.array_equal(expected, got)
 
 
-def test_frames_are_those_of_the_state_at_their_times(scene, tmp_path):
+def test_frames_are_those_of_the_state_at_their_times(scene, whole):
     """Bit for bit what a simulator has that is stopped at each frame."""
-    from tledface.run import simulator_of
-
-    result = run_scene(scene, tmp_path / "out", device="native", quiet=True)
-    times, u, stress = frames_in(result.directory)
+    times, u, stress = frames_in(whole.directory)
     model = scene.build()
     sim = simulator_of(scene, model, "native")
     for at, moved, von_mises in zip(times, u, stress, strict=True):
@@ -179,23 +182,30 @@ def test_frames_are_those_of_the_state_at_their_times(scene, tmp_path):
         assert np.array_equal(sim.von_mises().astype(np.float32), von_mises)
 
 
-def test_a_state_that_is_lost_is_in_no_frame_and_no_checkpoint(scene, tmp_path, monkeypatch):
-    """The frames before it stay, and the run says where it was seen."""
-    step = tf.Simulator._step
+@pytest.mark.parametrize("where", [(tf.Simulator, "snapshot"), (RunCheckpoints, "take")])
+def test_a_state_that_is_lost_is_in_no_frame_and_no_checkpoint(
+    scene, whole, tmp_path, monkeypatch, where
+):
+    """Lost just before either is taken: what was written before stays, and the run goes on."""
+    taken = getattr(*where)
 
-    def losing(sim, activations):
-        step(sim, activations)
+    def losing(*arguments):
+        sim = next(a for a in arguments if isinstance(a, tf.Simulator))
         if sim.time > 2.5e-3:
             u = sim.u
             u[0] = np.nan
             sim._core.set_state(u, np.empty(0), sim.time)
+        return taken(*arguments)
 
-    monkeypatch.setattr(tf.Simulator, "_step", losing)
+    monkeypatch.setattr(*where, losing)
     out = tmp_path / "out"
     with pytest.raises(SimulationError, match=r"no longer finite.*; the frames until then are in"):
         run_scene(scene, out, device="native", quiet=True)
-    times, u, _ = frames_in(out)
-    assert times[-1] < 2.6e-3 and np.isfinite(u).all()
     monkeypatch.undo()
+    times, u, _ = frames_in(out)
+    assert times[-1] == pytest.approx(2e-3 if where[1] == "snapshot" else 4e-3, rel=0.05)
+    assert np.isfinite(u).all()
     assert json.loads((out / "run.json").read_text())["state"] == "failed"
-    assert resume_run(out, quiet=True).frames == 7
+    resume_run(out, quiet=True)
+    for expected, got in zip(frames_in(whole.directory), frames_in(out), strict=True):
+        assert np.array_equal(expected, got)
