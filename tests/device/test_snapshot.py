@@ -37,6 +37,20 @@ def test_later_steps_leave_a_snapshot_as_it_is(executor, precision):
     assert all(np.any(late != early) for early, late in itertools.pairwise(us))
 
 
+def test_many_snapshots_between_few_steps(executor):
+    """The buffer that a snapshot comes from is written again two steps later."""
+    sim, twin = (
+        contracted(body_of_everything(laws=False), dt=2e-6, **executor.kwargs) for _ in range(2)
+    )
+    snaps = []
+    for _ in range(60):
+        sim.step(1)
+        snaps.append(sim.snapshot())
+    for snap in snaps:
+        twin.step(1)
+        assert np.array_equal(snap.u, twin.u)
+
+
 def test_a_snapshot_keeps_its_simulator(executor):
     sim = contracted(body_of_everything(laws=False), dt=2e-6, **executor.kwargs)
     sim.step(5)
