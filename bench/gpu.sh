@@ -174,6 +174,8 @@ try:
     choices = json.loads(autotune.cache_file().read_text())
 except (OSError, ValueError):
     choices = {}
+bench = json.loads((scratch / "bench.json").read_text())
+replayed = any(row.get("command_buffers", False) for row in bench.get("rows", [bench]))
 result = {
     "tledface": __version__,
     "commit": commit,
@@ -181,10 +183,13 @@ result = {
     "found": (scratch / "found").read_text().splitlines(),
     "tests": tests,
     "kernels": {key: value for key, value in choices.items() if key.startswith(device["name"])},
-    "bench": json.loads((scratch / "bench.json").read_text()),
+    "command_buffers": {"work": device["command_buffers"], "replayed": replayed},
+    "bench": bench,
 }
 part = file.with_suffix(".part")
 part.write_text(json.dumps(result, indent=1) + "\n")
 part.replace(file)
+yes = {True: "yes", False: "no"}
+print(f"gpu.sh: command buffers work: {yes[device['command_buffers']]}, replayed: {yes[replayed]}")
 END
 echo "gpu.sh: wrote $file"
