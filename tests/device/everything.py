@@ -80,7 +80,7 @@ def contracted(model, **options):
 
 
 def main(kernels, precision, hourglass, laws):
-    """Two steps with a snapshot between them, and the forces, on the OpenCL library's first device."""
+    """Two steps, a snapshot between them, and forces, on the OpenCL library's first device."""
     sim = contracted(
         body_of_everything((18, 9, 3), laws=laws == "laws"),
         device="opencl:0",
