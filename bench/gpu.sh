@@ -148,13 +148,14 @@ echo "gpu.sh: tledface bench ${options[*]} --device $id"
 # Kernels are chosen first, by timing them where no one did before: not while others are timed.
 "$python" -c '
 import sys
-from tledface.autotune import tune
+from tledface.autotune import tune, tune_recording
 from tledface.cli import main
 from tledface.device import resolve
 
 device = resolve(sys.argv[sys.argv.index("--device") + 1])
 for hourglass in ("physical", "joldes"):
     tune(device, precision="single", hourglass=hourglass)
+tune_recording(device)
 main()
 ' bench "${options[@]}" --device "$id" --json > "$scratch/bench.json"
 slug=$(tr '[:upper:]' '[:lower:]' <<< "$name" | sed 's/[^a-z0-9]\+/-/g; s/^-//; s/-$//')
@@ -173,6 +174,8 @@ try:
     choices = json.loads(autotune.cache_file().read_text())
 except (OSError, ValueError):
     choices = {}
+bench = json.loads((scratch / "bench.json").read_text())
+replayed = any(row.get("command_buffers", False) for row in bench.get("rows", [bench]))
 result = {
     "tledface": __version__,
     "commit": commit,
@@ -180,10 +183,13 @@ result = {
     "found": (scratch / "found").read_text().splitlines(),
     "tests": tests,
     "kernels": {key: value for key, value in choices.items() if key.startswith(device["name"])},
-    "bench": json.loads((scratch / "bench.json").read_text()),
+    "command_buffers": {"work": device["command_buffers"], "replayed": replayed},
+    "bench": bench,
 }
 part = file.with_suffix(".part")
 part.write_text(json.dumps(result, indent=1) + "\n")
 part.replace(file)
+yes = {True: "yes", False: "no"}
+print(f"gpu.sh: command buffers work: {yes[device['command_buffers']]}, replayed: {yes[replayed]}")
 END
 echo "gpu.sh: wrote $file"

@@ -3,6 +3,7 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -28,6 +29,15 @@ struct DeviceInfo {
   std::size_t memory_bytes = 0;
   bool limits_registers = false;  // ProgramOptions::registers is heeded
   std::size_t local_bytes = 0;    // of a work-group; 0: there are none
+  bool command_buffers = false;   // launches can be recorded: a trial gave the right bits
+};
+
+// What a buffer held at one moment, on its way to the host.
+class Reading {
+ public:
+  virtual ~Reading() = default;
+  // Waits until it is there; in any thread. The bytes stay as long as this does.
+  virtual const void* bytes() = 0;
 };
 
 // Device memory. Offsets and sizes in bytes; all calls are ordered with the launches of its device.
@@ -40,6 +50,9 @@ class Buffer {
   // The same without waiting for what was enqueued before; the source is copied first.
   virtual void write_later(const void* source, std::size_t bytes) { write(source, bytes); }
   virtual void read(void* target, std::size_t bytes, std::size_t offset = 0) const = 0;  // blocking
+  // All of it, as it is after what was enqueued before; what is enqueued next changes nothing in
+  // the reading and need not wait for it. Where nothing is asynchronous it is copied at once.
+  virtual std::unique_ptr<Reading> read_later() const = 0;
   // The memory itself where the host can use it as it is (native), else null.
   virtual void* host_pointer() const { return nullptr; }
   // cl_mem where the device is an OpenCL one, else null.
@@ -83,6 +96,14 @@ class Program {
   virtual std::unique_ptr<Kernel> kernel(const std::string& name) = 0;
 };
 
+// Launches that were recorded once, with their arguments as they were.
+class Recording {
+ public:
+  virtual ~Recording() = default;
+  // Enqueues all of them in their order.
+  virtual void replay() = 0;
+};
+
 class Device {
  public:
   virtual ~Device() = default;
@@ -94,6 +115,13 @@ class Device {
   // Zero-filled memory; throws InputError when there is not enough, saying how much was asked for.
   virtual std::unique_ptr<Buffer> allocate(std::size_t bytes) = 0;
   virtual std::unique_ptr<Program> build(const ProgramOptions& options) = 0;
+  // Calls launches() and keeps the kernels that it enqueues instead of running them. Null where
+  // that cannot be done (DeviceInfo::command_buffers says where it can), or not with these; nothing
+  // has run then.
+  virtual std::unique_ptr<Recording> record(const std::function<void()>& launches) {
+    static_cast<void>(launches);
+    return nullptr;
+  }
   virtual void finish() = 0;
   // Makes sure that what was enqueued begins.
   virtual void flush() {}

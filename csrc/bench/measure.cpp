@@ -206,6 +206,7 @@ std::string measure(std::shared_ptr<Device> device, const MeasureOptions& option
       .add("hourglass",
            options.simulator.hourglass == HourglassForm::kPhysical ? "physical" : "joldes")
       .add("kernels", sim.kernels())
+      .add("command_buffers", sim.records())
       .add("lanes", sim.arrays().lanes)
       .add("fill", sim.arrays().fill())
       .add("dt", sim.dt())

@@ -109,6 +109,7 @@ void define_devices(py::module_& module) {
       .def_readonly("limits_registers", &DeviceInfo::limits_registers)
       .def_readonly("compute_units", &DeviceInfo::compute_units)
       .def_readonly("memory_bytes", &DeviceInfo::memory_bytes)
+      .def_readonly("command_buffers", &DeviceInfo::command_buffers)
       .def("__repr__", &repr);
 
   py::class_<Buffer>(module, "Buffer", "Memory of a device.")

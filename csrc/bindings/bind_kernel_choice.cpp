@@ -23,4 +23,6 @@ void define_kernel_choice(py::module_& module) {
       py::arg("device"), py::arg("precision"), py::arg("hourglass"), py::kw_only(),
       py::arg("kernels"), py::arg("tile") = py::make_tuple(16, 8, 0), py::arg("registers") = 0,
       "What kernels='auto' means on a device from now on; 'auto': its own preference.");
+  module.def("choose_recording", &choose_recording, py::arg("device"), py::arg("recorded"),
+             "Whether runs of steps are recorded and replayed on a device from now on.");
 }

@@ -68,19 +68,18 @@ void add_muscle(VoxelModel& model, const std::string& name, const Array<std::int
                            printed_passive});
 }
 
-std::unique_ptr<Simulator> make_simulator(std::shared_ptr<Device> device, const VoxelModel& model,
-                                          const std::string& precision,
-                                          const std::string& hourglass, double kappa,
-                                          double damping, const std::string& kernels,
-                                          std::size_t n_bands, std::array<int, 3> tile,
-                                          int registers, const Conditions* conditions,
-                                          const SlidingNodes* sliding) {
+std::unique_ptr<Simulator> make_simulator(
+    std::shared_ptr<Device> device, const VoxelModel& model, const std::string& precision,
+    const std::string& hourglass, double kappa, double damping, const std::string& kernels,
+    std::size_t n_bands, std::array<int, 3> tile, int registers, std::optional<bool> recorded,
+    const Conditions* conditions, const SlidingNodes* sliding) {
   SimulatorOptions options;
   options.precision = pick_precision(precision);
   options.hourglass = pick_hourglass(hourglass);
   options.kernels = pick_kernels(kernels);
   options.tile = make_tile(tile);
   options.registers = registers;
+  options.recorded = recorded;
   options.kappa = kappa;
   options.damping = damping;
   options.n_bands = n_bands;
@@ -160,6 +159,22 @@ std::vector<Vec3> make_points(const Array<double>& points) {
 StepInput make_input(const Array<double>& activations, const Array<double>& values,
                      const Array<double>& keys) {
   return {to_vector(activations), to_vector(values), to_vector(keys)};
+}
+
+// What a function that may wait for the device gives, while Python's lock is free.
+template <class Function>
+auto without_lock(Function function) {
+  py::gil_scoped_release release;
+  return function();
+}
+
+py::dict state_dict(ElementState&& state) {
+  py::dict result;
+  result["deformation_gradient"] = to_array(std::move(state.deformation_gradient), 9);
+  result["stress"] = to_array(std::move(state.stress), 6);
+  result["energy_density"] = to_array(std::move(state.energy_density));
+  result["hourglass_density"] = to_array(std::move(state.hourglass_density));
+  return result;
 }
 
 // (dt, node, element)
@@ -272,12 +287,24 @@ void define_simulator(py::module_& module) {
       py::arg("vertices"), py::arg("faces"), py::arg("points"),
       "The same by trying every triangle, in float64.");
 
+  // Its functions wait without Python's lock, so that the thread of the simulator goes on.
+  py::class_<Snapshot>(module, "Snapshot", "A moment of a simulation; see snapshot.hpp.")
+      .def_property_readonly("time", &Snapshot::time)
+      .def_property_readonly("n_steps", &Snapshot::n_steps)
+      .def("displacement",
+           [](Snapshot& snapshot) {
+             return to_array(without_lock([&] { return snapshot.displacement(); }), 3);
+           })
+      .def("element_state", [](Snapshot& snapshot) {
+        return state_dict(without_lock([&] { return snapshot.element_state(); }));
+      });
   py::class_<Simulator>(module, "Simulator", "The step loop on one device; see tledface.Simulator.")
       .def(py::init(&make_simulator), py::arg("device"), py::arg("model"), py::kw_only(),
            py::arg("precision"), py::arg("hourglass"), py::arg("kappa"), py::arg("damping"),
            py::arg("kernels") = "auto", py::arg("n_bands") = 0,
            py::arg("tile") = py::make_tuple(16, 8, 0), py::arg("registers") = 0,
-           py::arg("conditions") = py::none(), py::arg("sliding") = py::none())
+           py::arg("recorded") = py::none(), py::arg("conditions") = py::none(),
+           py::arg("sliding") = py::none())
       .def(
           "step",
           [](Simulator& sim, std::size_t n, const Array<double>& activations,
@@ -369,6 +396,15 @@ void define_simulator(py::module_& module) {
       // Whether the next step is the first from a given state.
       .def_property_readonly("starts", &Simulator::starts)
       .def("time_after", &Simulator::time_after, py::arg("steps"))
+      .def(
+          "times_after",
+          [](const Simulator& sim, const Array<std::int64_t>& steps) {
+            std::vector<double> times(static_cast<std::size_t>(steps.size()));
+            for (std::size_t i = 0; i < times.size(); ++i)
+              times[i] = sim.time_after(steps.data()[i]);
+            return to_array(std::move(times));
+          },
+          py::arg("steps"))
       .def_property_readonly("n_steps", &Simulator::n_steps)
       .def_property_readonly("uses_rows", &Simulator::uses_rows)
       .def_property_readonly("kernels", &Simulator::kernels)
@@ -390,7 +426,10 @@ void define_simulator(py::module_& module) {
            [](const Simulator& sim) {
              return to_array(std::vector<double>(sim.arrays().node_mass));
            })
-      .def("displacement", [](Simulator& sim) { return to_array(sim.displacement(), 3); })
+      .def("displacement",
+           [](Simulator& sim) {
+             return to_array(without_lock([&] { return sim.displacement(); }), 3);
+           })
       .def("velocity", [](Simulator& sim) { return to_array(sim.velocity(), 3); })
       .def(
           "set_state",
@@ -400,7 +439,7 @@ void define_simulator(py::module_& module) {
           py::arg("u"), py::arg("velocity"), py::arg("time"))
       .def("raw_state",
            [](Simulator& sim) {
-             RawState state = sim.raw_state();
+             RawState state = without_lock([&] { return sim.raw_state(); });
              py::dict result;
              result["u"] = to_array(std::move(state.u));
              result["u_prev"] = to_array(std::move(state.u_prev));
@@ -444,15 +483,20 @@ void define_simulator(py::module_& module) {
            })
       .def("element_state",
            [](Simulator& sim, const Array<double>& activations) {
-             ElementState state = sim.element_state(to_vector(activations));
-             py::dict result;
-             result["deformation_gradient"] = to_array(std::move(state.deformation_gradient), 9);
-             result["stress"] = to_array(std::move(state.stress), 6);
-             result["energy_density"] = to_array(std::move(state.energy_density));
-             result["hourglass_density"] = to_array(std::move(state.hourglass_density));
-             return result;
+             const auto values = to_vector(activations);
+             return state_dict(without_lock([&] { return sim.element_state(values); }));
            })
-      .def("first_non_finite_node", &Simulator::first_non_finite_node)
+      .def("first_non_finite_node", &Simulator::first_non_finite_node,
+           py::call_guard<py::gil_scoped_release>())
+      .def(
+          "snapshot",
+          [](Simulator& sim, const Array<double>& activations) {
+            const auto values = to_vector(activations);
+            py::gil_scoped_release release;
+            return sim.snapshot(values);
+          },
+          py::arg("activations"), py::keep_alive<0, 1>())
+      .def_property_readonly("records", &Simulator::records)
       // The displacement buffer: address in this process (native) or cl_mem (OpenCL), else 0.
       .def_property_readonly(
           "buffer_address",

@@ -2,6 +2,7 @@
 
 #include <map>
 #include <mutex>
+#include <set>
 #include <tuple>
 
 namespace tledface {
@@ -14,6 +15,11 @@ std::mutex mutex;
 std::map<Key, KernelChoice>& choices() {
   static std::map<Key, KernelChoice> map;
   return map;
+}
+
+std::set<std::string>& recording_devices() {
+  static std::set<std::string> set;
+  return set;
 }
 
 }  // namespace
@@ -33,6 +39,19 @@ std::optional<KernelChoice> chosen_kernels(const std::string& device, Precision 
   const auto found = choices().find({device, precision, hourglass});
   if (found == choices().end()) return std::nullopt;
   return found->second;
+}
+
+void choose_recording(const std::string& device, bool recorded) {
+  std::lock_guard<std::mutex> lock(mutex);
+  if (recorded)
+    recording_devices().insert(device);
+  else
+    recording_devices().erase(device);
+}
+
+bool chosen_recording(const std::string& device) {
+  std::lock_guard<std::mutex> lock(mutex);
+  return recording_devices().count(device) > 0;
 }
 
 }  // namespace tledface

@@ -20,4 +20,8 @@ void choose_kernels(const std::string& device, Precision precision, HourglassFor
 std::optional<KernelChoice> chosen_kernels(const std::string& device, Precision precision,
                                            HourglassForm hourglass);
 
+// Whether runs of steps are recorded and replayed (SimulatorOptions::recorded); false until told.
+void choose_recording(const std::string& device, bool recorded);
+bool chosen_recording(const std::string& device);
+
 }  // namespace tledface

@@ -140,7 +140,7 @@ void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput&
     }
     write_table(table);
     for (std::size_t i = 0; i < batch; ++i) {
-      enqueue_step(static_cast<std::int32_t>(i), -1);
+      enqueue_step(now_, static_cast<std::int32_t>(i), -1);
       relaxation_->gravity->enqueue(now_, static_cast<std::int32_t>(i));
       if (sliding_)
         sliding_->enqueue(1 - now_, static_cast<std::int32_t>(i), done + i + 1 == steps.size());

@@ -11,8 +11,6 @@
 namespace tledface {
 namespace {
 
-// Steps of one table of activations: long enough that writing it costs nothing.
-constexpr std::size_t kBatch = 256;
 // A step below 0 asks laws for their answer without relaxation and flow; its size is none.
 constexpr double kInstant = -1e-30;
 
@@ -61,6 +59,8 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
       options_.tile = choice->tile;
       options_.registers = choice->registers;
     }
+  records_ = device_->info().command_buffers &&
+             options_.recorded.value_or(chosen_recording(device_->info().id));
   rows_ = options_.kernels == KernelPath::kRows ||
           (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
   ProgramOptions program;
@@ -95,7 +95,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   muscle_sets_ = upload(arrays_.muscle_sets);
   muscle_constants_ = upload(arrays_.muscle_constants);
   shape_ = upload(arrays_.shape);
-  step_table_ = allocate(kBatch * step_reals_ * real);
+  step_table_ = allocate(largest_batch() * step_reals_ * real);
   ForcePathOptions path;
   path.precision = options_.precision;
   path.hourglass = options_.hourglass;
@@ -121,7 +121,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   levels_ = same_level(arrays_);
   conditions_ =
       std::make_unique<NodalConditions>(std::move(conditions), model_, arrays_, *device_, *program_,
-                                        options_.precision, first_column, kBatch);
+                                        options_.precision, first_column, largest_batch());
   device_bytes_ += conditions_->bytes();
   sliding_given_ = std::move(sliding);
   if (!sliding_given_.empty()) {
@@ -188,122 +188,10 @@ SolverBuffers Simulator::solver_buffers() const {
 }
 
 void Simulator::bind_masses(const Buffer& blocks, const Buffer& node_sets) {
+  forget_recordings();
   path_->bind_masses(blocks, node_sets);
   const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
   conditions_->bind(u, blocks, node_sets, *step_table_, step_reals_);
-}
-
-void Simulator::fill_step(double* row, const double* activations, const double* values,
-                          FieldMoment field) const {
-  row[STEP_UNIT] = 1;
-  // A state that was just given has no past: histories start with it.
-  row[STEP_DT] = starts_ ? 0 : dt_;
-  row[STEP_TIME] = time();
-  std::copy_n(activations, model_.muscles.size(), row + STEP_ACTIVATION);
-  conditions_->fill_columns(values, field, row + STEP_ACTIVATION + model_.muscles.size());
-  if (sliding_) sliding_->fill_poses(values + n_condition_values(), row + pose_column());
-}
-
-void Simulator::enqueue_step(std::int32_t index, int highest_level) {
-  path_->enqueue_step(now_, index, highest_level);
-  conditions_->enqueue(now_, index);
-}
-
-std::size_t Simulator::largest_batch() { return kBatch; }
-
-void Simulator::check_input(const char* what, std::size_t n, const StepInput& input,
-                            std::size_t n_keys) const {
-  const auto check = [&](const char* name, std::size_t got, std::size_t columns) {
-    if (got != n * columns)
-      throw InputError(std::string(what) + ": " + name + " need " + std::to_string(n) + " x " +
-                       std::to_string(columns) + " values, got " + std::to_string(got));
-  };
-  check("activations", input.activations.size(), model_.muscles.size());
-  check("values of conditions", input.values.size(), n_values());
-  if (input.keys.size() != n_keys * conditions_->n_fields())
-    throw InputError(std::string(what) + ": keys of fields need " +
-                     std::to_string(n_keys * conditions_->n_fields()) + " values, got " +
-                     std::to_string(input.keys.size()));
-}
-
-void Simulator::step(std::size_t n, const StepInput& input) {
-  if (n == 0) return;
-  const std::int64_t key_begin = first_key();
-  check_input("step", n, input, static_cast<std::size_t>(last_key(n) - key_begin + 1));
-  if (!(dt_ > 0)) throw InputError("step: the time step is not set");
-  const auto substeps = static_cast<std::size_t>(this->substeps());
-  if (n % substeps != 0)
-    throw InputError("step: got " + std::to_string(n) + " of the shortest steps; allowed with " +
-                     std::to_string(substeps) + " of them in the longest: multiples of that");
-  const std::size_t n_muscles = model_.muscles.size(), n_values = this->n_values(),
-                    n_fields = conditions_->n_fields();
-  // Highest level that is due at step i: of all at the begin of a longest one.
-  const auto highest_due = [&](std::size_t i) {
-    int level = 0;
-    while (level + 1 < levels_.n_levels && i % (std::size_t(2) << level) == 0) ++level;
-    return level;
-  };
-  static_assert(kBatch % (std::size_t(1) << (TLED_MOST_LEVELS - 1)) == 0,
-                "a batch ends with a longest step");
-  std::vector<double> table;
-  for (std::size_t done = 0; done < n;) {
-    const std::size_t batch = std::min(kBatch, n - done);
-    const std::int64_t key = first_key();
-    table.assign(batch * step_reals_, 0.0);
-    for (std::size_t i = 0; i < batch; ++i) {
-      double* row = &table[i * step_reals_];
-      const std::int64_t end = clock_steps_ + static_cast<std::int64_t>(i) + 1;
-      fill_motion(row, highest_due(i), starts_ && i == 0);
-      fill_step(row, input.activations.data() + (done + i) * n_muscles,
-                input.values.data() + (done + i) * n_values,
-                {end / kFieldStride - key, static_cast<double>(end % kFieldStride) / kFieldStride});
-      row[STEP_DT] = starts_ && i == 0 ? 0 : dt_;
-      row[STEP_TIME] = time_after(static_cast<std::int64_t>(i));
-    }
-    write_table(table);
-    if (n_fields)
-      conditions_->write_keys(
-          input.keys.data() + static_cast<std::size_t>(key - key_begin) * n_fields,
-          static_cast<std::size_t>(last_key(batch) - key + 1));
-    for (std::size_t i = 0; i < batch; ++i) {
-      const auto index = static_cast<std::int32_t>(i);
-      const int highest = highest_due(i);
-      // Normals are those of each node's last step.
-      const bool keep_normals = done + i + substeps >= n;
-      if (fuses_sliding()) {
-        path_->enqueue_sliding_step(now_, index);
-        conditions_->enqueue(now_, index);
-        if (keep_normals) sliding_->enqueue_normals(1 - now_);
-      } else {
-        enqueue_step(index, highest);
-        if (sliding_) sliding_->enqueue(1 - now_, index, keep_normals);
-      }
-      path_->enqueue_swap(highest);
-      now_ = 1 - now_;
-    }
-    starts_ = false;
-    done += batch;
-    n_steps_ += static_cast<std::int64_t>(batch);
-    clock_steps_ += static_cast<std::int64_t>(batch);
-  }
-  device_->flush();
-}
-
-void Simulator::fill_motion(double* row, int highest_level, bool from_rest) const {
-  for (int level = 0; level <= highest_level; ++level, row += TLED_STEP_LEVEL) {
-    const double due = std::ldexp(1.0, level), dt = dt_ * due,
-                 half_damping = options_.damping * dt / 2;
-    row[STEP_DUE] = due;
-    row[STEP_VELOCITY] = (1 - half_damping) / (1 + half_damping);
-    row[STEP_FORCE] = dt_ * dt / (1 + half_damping);
-    // A given state has no u(-dt): u(dt) = u + v dt + (f/m - damping v) dt^2/2 keeps second order.
-    if (from_rest) {
-      row[STEP_VELOCITY] = 1 - half_damping;
-      row[STEP_FORCE] = dt_ * dt / 2;
-    }
-    for (int c = 0; c < 3; ++c)
-      row[STEP_GRAVITY + c] = model_.gravity[arrays_.order[c]] * (row[STEP_FORCE] * due);
-  }
 }
 
 std::vector<double> Simulator::read_slots(const Buffer& buffer) {
@@ -429,6 +317,7 @@ TimeStepBound Simulator::bound_at_rest() const {
 }
 
 StateEvaluator& Simulator::evaluator() {
+  const std::lock_guard<std::mutex> lock(evaluator_mutex_);
   if (!evaluator_) {
     PrecomputeOptions options = precompute_;
     options.axis_order = arrays_.order;  // history is in these axes
@@ -482,10 +371,18 @@ std::vector<double> Simulator::force_at(double dt, const std::vector<double>& ac
 
 ElementState Simulator::element_state(const std::vector<double>& activations) {
   check_activations("element_state", activations);
+  return element_state_at(displacement(), history(), activations, starts_ ? 0 : dt_, time());
+}
+
+ElementState Simulator::element_state_at(const std::vector<double>& u,
+                                         const std::vector<double>& past,
+                                         const std::vector<double>& activations, double dt,
+                                         double time) {
+  StateEvaluator& evaluator = this->evaluator();
   std::vector<double> history;
   if (arrays_.n_history_rows)
-    history = history_in_layout(model_, arrays_, this->history(), evaluator().arrays());
-  return evaluator().evaluate(displacement(), activations, history, starts_ ? 0 : dt_, time());
+    history = history_in_layout(model_, arrays_, past, evaluator.arrays());
+  return evaluator.evaluate(u, activations, history, dt, time);
 }
 
 StateChecks& Simulator::checks() {

@@ -5,8 +5,12 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "backend/device.hpp"
@@ -17,6 +21,7 @@
 #include "sim/force_path.hpp"
 #include "sim/nodal_conditions.hpp"
 #include "sim/sliding.hpp"
+#include "sim/snapshot.hpp"
 #include "sim/state_evaluator.hpp"
 #include "sim/step_limit.hpp"
 #include "sim/subcycling.hpp"
@@ -34,6 +39,9 @@ struct SimulatorOptions {
   TileShape tile;                             // of kTile
   std::size_t n_bands = 0;                    // 0: by the device's compute units
   std::array<int, 3> axis_order{-1, -1, -1};  // see PrecomputeOptions
+  // Whether runs of steps are recorded and replayed, where the device can; nothing: as chosen for
+  // the device (kernel_choice.hpp), else launched one by one.
+  std::optional<bool> recorded;
   // Arrays of the same model, form and axes that are there already; taken where their lanes fit.
   std::shared_ptr<const SolverArrays> arrays;
 };
@@ -166,6 +174,12 @@ class Simulator {
   StateEvaluator& evaluator();
   // First node whose displacement is not finite, or -1.
   std::int64_t first_non_finite_node();
+  // The state of now, with these activations, without waiting for it.
+  std::unique_ptr<Snapshot> snapshot(const std::vector<double>& activations);
+  // element_state() of a given moment: past as history() gives it, dt and time of the step that
+  // comes. In any thread.
+  ElementState element_state_at(const std::vector<double>& u, const std::vector<double>& past,
+                                const std::vector<double>& activations, double dt, double time);
 
   const Device& device() const { return *device_; }
   const SolverArrays& arrays() const { return arrays_; }
@@ -181,6 +195,9 @@ class Simulator {
   const char* kernels() const;
   // Device buffer of the displacement of now: [block][component][lane].
   const Buffer& displacement_buffer() const { return *u_[now_]; }
+  const Buffer& history_buffer() const { return *history_[now_]; }
+  // Whether runs of steps are recorded and replayed.
+  bool records() const { return records_; }
   void finish() { device_->finish(); }
   std::size_t device_bytes() const { return device_bytes_; }
 
@@ -206,8 +223,18 @@ class Simulator {
   void fill_motion(double* row, int highest_level, bool from_rest) const;
   void fill_step(double* row, const double* activations, const double* values,
                  FieldMoment field) const;
-  // The row kernels' and conditions' part; highest_level: see ForcePath.
-  void enqueue_step(std::int32_t index, int highest_level);
+  // The row kernels' and conditions' part of a step from u[now]; highest_level: see ForcePath.
+  void enqueue_step(int now, std::int32_t index, int highest_level);
+  // Highest level that is due at a step of a batch: of all at the begin of a longest one.
+  int highest_due(std::size_t step) const;
+  // Steps `begin` to `end` of a batch, the first from u[now]; normals of sliding nodes are kept
+  // from step `keep_from` on.
+  void enqueue_steps(int now, std::size_t begin, std::size_t end, std::size_t keep_from);
+  // The same of a whole run of steps whose normals are not kept, recorded when it is first asked
+  // for; false where that cannot be done.
+  bool replay_steps(std::size_t begin);
+  // Arguments of the kernels change: what was recorded is no longer what is meant.
+  void forget_recordings() { recordings_.clear(); }
   // Step of the node that real i of u belongs to, s.
   double step_of_real(std::size_t i) const {
     const std::size_t block = i / (std::size_t(3) * arrays_.lanes);
@@ -256,8 +283,12 @@ class Simulator {
   std::unique_ptr<StateEvaluator> evaluator_;  // these three are made when first asked for
   std::unique_ptr<StepLimiter> limiter_;
   std::unique_ptr<StateChecks> checks_;
+  std::mutex evaluator_mutex_;  // while it is made, since snapshots ask in threads of their own
   int now_ = 0;
   BlockLevels levels_;
+  bool records_ = false;
+  std::map<std::pair<int, std::size_t>, std::unique_ptr<Recording>>
+      recordings_;  // now_, first step
 
   double dt_ = 0, clock_start_ = 0;
   std::int64_t clock_steps_ = 0;  // since clock_start_

@@ -43,6 +43,7 @@ void Simulator::take_levels(BlockLevels levels) {
     }
     write_reals(*u_[1 - now_], before);
   }
+  forget_recordings();
   levels_ = std::move(levels);
   const auto links = links_with_levels(arrays_, levels_);
   blocks_->write(links.data(), links.size() * sizeof(std::int32_t));

@@ -85,6 +85,7 @@ std::unique_ptr<Buffer> StateEvaluator::upload(const void* data, std::size_t byt
 }
 
 std::vector<double> StateEvaluator::growth(const std::vector<double>& u) {
+  const std::lock_guard<std::mutex> lock(mutex_);
   const auto slots = nodes_to_slots(arrays_, u);
   u_->write(slots.data(), bytes_of(slots));
   growth_kernel_->enqueue(std::size_t(arrays_.n_blocks));
@@ -97,6 +98,7 @@ std::vector<double> StateEvaluator::growth(const std::vector<double>& u) {
 ElementState StateEvaluator::evaluate(const std::vector<double>& u,
                                       const std::vector<double>& activations,
                                       const std::vector<double>& history, double dt, double time) {
+  const std::lock_guard<std::mutex> lock(mutex_);
   history_->write(history.data(), bytes_of(history));
   const double clock[2] = {dt, time};
   step_->write(clock, sizeof clock, STEP_DT * sizeof(double));

@@ -2,6 +2,7 @@
 // whatever device runs the steps: the same digits everywhere, and no device code for rare output.
 #pragma once
 #include <memory>
+#include <mutex>
 #include <vector>
 
 #include "backend/device.hpp"
@@ -16,6 +17,7 @@ struct ElementState {
   std::vector<double> hourglass_density;     // J/m3
 };
 
+// Any thread may ask; they take turns.
 class StateEvaluator {
  public:
   // given: the model's arrays with these options, taken where their lanes fit.
@@ -33,6 +35,7 @@ class StateEvaluator {
  private:
   std::unique_ptr<Buffer> upload(const void* data, std::size_t bytes);
 
+  std::mutex mutex_;
   std::shared_ptr<Device> host_;
   std::shared_ptr<const SolverArrays> shared_arrays_;
   const SolverArrays& arrays_;

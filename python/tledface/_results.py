@@ -8,31 +8,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tledface import _core
 from tledface import device as device_module
 from tledface._core_model import HostMemory
+from tledface._sampling import Sampling
 from tledface.conditions import prescribed_mask
 from tledface.errors import InputError
 from tledface.sliding import tangential
+from tledface.snapshot import von_mises_of
 
 if TYPE_CHECKING:
     import trimesh
 
-    from tledface.conditions import Values
-    from tledface.model import Model, Where
+    from tledface.model import Where
 
 
-class Results:
+class Results(Sampling):
     """The part of `Simulator` that reads its state."""
 
-    model: Model
-    _core: _core.Simulator
     _device: Any
-
-    if TYPE_CHECKING:
-
-        def _activations_now(self) -> NDArray[np.float64]: ...
-        def _values_now(self) -> Values: ...
 
     @property
     def u(self) -> NDArray[np.float64]:
@@ -140,10 +133,7 @@ class Results:
 
     def von_mises(self) -> NDArray[np.float64]:
         """Von Mises stress of `stress` at every element's centre, (n_elem,) Pa."""
-        xx, yy, zz, xy, yz, xz = self.stress().T
-        direct = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
-        squared: NDArray[np.float64] = 0.5 * direct + 3.0 * (xy**2 + yz**2 + xz**2)
-        return np.sqrt(squared)
+        return von_mises_of(self.stress())
 
     def strain_energy(self) -> NDArray[np.float64]:
         """Strain energy density of every element without muscles and hourglass, (n_elem,) J/m3."""

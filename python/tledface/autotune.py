@@ -2,7 +2,8 @@
 
 The choice depends on registers, caches and local memory in ways that only a clock knows
 (docs/explanation/gpu-kernels.md). It is kept in the user's cache folder, by device, driver,
-version of tledface, precision and hourglass form; CPUs need none.
+version of tledface, precision and hourglass form; CPUs need none. Likewise whether runs of steps
+are replayed as command buffers.
 """
 
 from __future__ import annotations
@@ -10,11 +11,11 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,10 +23,17 @@ from tledface import _core
 from tledface._core_model import core_model
 from tledface.errors import InputError, SimulationError
 
-__all__ = ["Kernels", "cache_file", "fastest", "tune"]
+__all__ = ["Kernels", "cache_file", "fastest", "recording_pays", "tune", "tune_recording"]
+
+Candidate = TypeVar("Candidate", bound=Hashable)
+Choice = TypeVar("Choice")
 
 _CELLS = (96, 96, 24)
 _WARM_UP, _ROUNDS, _STEPS = 10, 5, 20
+# Where the host sets the pace: whole recordings of a body that no device is busy with.
+_SMALL_CELLS, _RECORDED_STEPS = (16, 8, 4), 512
+# Time that replaying must save, of that of launches one by one.
+_WORTH = 0.05
 _ACTIVATION = 0.3
 
 
@@ -67,6 +75,7 @@ _CANDIDATES = (
 )
 
 _chosen: dict[str, Kernels] = {}  # of this process
+_pays: dict[str, bool] = {}
 
 
 def tune(device: _core.Device, *, precision: str, hourglass: str) -> None:
@@ -91,17 +100,65 @@ def fastest(
 ) -> Kernels:
     """Look up the fastest kernels of an OpenCL device, or time the candidates on a block."""
     info = device.info
-    key = f"{info.name}, driver {info.driver}, tledface {version('tledface')}"
-    key += f", {precision}, {hourglass}"
-    known = _chosen.get(key) or _remembered(key, candidates)
+    key = f"{_key(device)}, {precision}, {hourglass}"
+    known = _chosen.get(key) or _remembered(key, {str(c): c for c in candidates})
     if known is None:
         able = [c for c in candidates if not c.registers or info.limits_registers]
-        seconds = _timed(device, precision, hourglass, cells, able, clock)
+        seconds = _timed(
+            device,
+            cells,
+            {candidate: asdict(candidate) for candidate in able},
+            clock,
+            steps=_STEPS,
+            precision=precision,
+            hourglass=hourglass,
+        )
         if not seconds:  # whoever makes a simulator learns why
             return Kernels("gather")
         known = min(seconds, key=lambda candidate: seconds[candidate])
-        _remember(key, known, seconds)
+        _remember(key, str(known), {str(c): s for c, s in seconds.items()})
     _chosen[key] = known
+    return known
+
+
+def tune_recording(device: _core.Device) -> None:
+    """Make simulators replay runs of steps as command buffers where that pays.
+
+    Only on devices whose command buffers are right. GPUs are timed once; CPUs launch one by one,
+    which costs them less (docs/explanation/gpu-kernels.md). ``TLEDFACE_COMMAND_BUFFERS`` in the
+    environment, 0 or 1, decides instead of the clock.
+
+    Raises:
+        InputError: another value there.
+    """
+    info = device.info
+    wanted = os.environ.get("TLEDFACE_COMMAND_BUFFERS", "")
+    if wanted not in ("", "0", "1"):
+        raise InputError(
+            f"TLEDFACE_COMMAND_BUFFERS: got {wanted!r}; allowed: 0 or 1; unset it to let the "
+            "device be timed"
+        )
+    if not info.command_buffers:
+        return
+    timed = info.kind == "gpu" and os.environ.get("TLEDFACE_AUTOTUNE") != "0"
+    pays = wanted == "1" if wanted else timed and recording_pays(device)
+    _core.choose_recording(info.id, pays)
+
+
+def recording_pays(device: _core.Device, *, clock: Callable[[], float] = time.perf_counter) -> bool:
+    """Look up whether replayed steps are faster than launches one by one, or time both."""
+    key = f"{_key(device)}, command buffers"
+    known = _pays.get(key)
+    if known is None:
+        known = _remembered(key, {"replayed": True, "one by one": False})
+    if known is None:
+        runs = {name: {"recorded": name == "replayed"} for name in ("one by one", "replayed")}
+        seconds = _timed(device, _SMALL_CELLS, runs, clock, steps=_RECORDED_STEPS)
+        if len(seconds) < len(runs):
+            return False
+        known = seconds["replayed"] < (1.0 - _WORTH) * seconds["one by one"]
+        _remember(key, "replayed" if known else "one by one", seconds)
+    _pays[key] = known
     return known
 
 
@@ -111,19 +168,26 @@ def cache_file() -> Path:
     return (Path(folder) if folder else Path.home() / ".cache") / "tledface" / "kernels.json"
 
 
+def _key(device: _core.Device) -> str:
+    info = device.info
+    return f"{info.name}, driver {info.driver}, tledface {version('tledface')}"
+
+
 def _timed(
     device: _core.Device,
-    precision: str,
-    hourglass: str,
     cells: tuple[int, int, int],
-    candidates: Sequence[Kernels],
+    candidates: Mapping[Candidate, Mapping[str, Any]],
     clock: Callable[[], float],
-) -> dict[Kernels, float]:
-    """Seconds a step of each candidate that runs, the best of rounds taken in turns."""
+    *,
+    steps: int,
+    precision: str = "single",
+    hourglass: str = "physical",
+) -> dict[Candidate, float]:
+    """Seconds a step with each candidate's options that runs, the best of rounds in turns."""
     model = core_model(_block(cells))
-    runs: dict[Kernels, _core.Simulator] = {}
-    levels = np.full((_STEPS, 1), _ACTIVATION)
-    for candidate in candidates:
+    runs: dict[Candidate, _core.Simulator] = {}
+    levels = np.full((steps, 1), _ACTIVATION)
+    for candidate, options in candidates.items():
         try:
             core = _core.Simulator(
                 device,
@@ -132,10 +196,10 @@ def _timed(
                 hourglass=hourglass,
                 kappa=0.075,
                 damping=0.0,
-                **asdict(candidate),
+                **options,
             )
             core.dt = 0.5 * core.bound_at_rest()[0]
-            core.step(_WARM_UP, levels[:_WARM_UP])
+            core.step(min(_WARM_UP, steps), levels[:_WARM_UP])
             core.finish()
         except (InputError, SimulationError):
             continue  # too large a group for the device, or no room
@@ -144,9 +208,9 @@ def _timed(
     for _ in range(_ROUNDS):
         for candidate, core in runs.items():
             begin = clock()
-            core.step(_STEPS, levels)
+            core.step(steps, levels)
             core.finish()
-            seconds[candidate] = min(seconds[candidate], (clock() - begin) / _STEPS)
+            seconds[candidate] = min(seconds[candidate], (clock() - begin) / steps)
     return seconds
 
 
@@ -170,16 +234,16 @@ def _block(cells: tuple[int, int, int]) -> Any:
     return model
 
 
-def _remembered(key: str, candidates: Sequence[Kernels]) -> Kernels | None:
-    """The choice in the cache; None without one, whatever is in the file."""
+def _remembered(key: str, choices: Mapping[str, Choice]) -> Choice | None:
+    """The choice in the cache, by its name; None without one, whatever is in the file."""
     try:
         name = json.loads(cache_file().read_text("utf-8"))[key]["chosen"]
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    return next((candidate for candidate in candidates if str(candidate) == name), None)
+    return choices.get(name) if isinstance(name, str) else None
 
 
-def _remember(key: str, chosen: Kernels, seconds: dict[Kernels, float]) -> None:
+def _remember(key: str, chosen: str, seconds: Mapping[str, float]) -> None:
     """Enter a choice; a cache that cannot be read is begun anew, one not written does no harm."""
     path = cache_file()
     try:
@@ -189,8 +253,8 @@ def _remember(key: str, chosen: Kernels, seconds: dict[Kernels, float]) -> None:
     if not isinstance(known, dict):
         known = {}
     known[key] = {
-        "chosen": str(chosen),
-        "ms_per_step": {str(c): round(1e3 * s, 5) for c, s in seconds.items()},
+        "chosen": chosen,
+        "ms_per_step": {name: round(1e3 * s, 5) for name, s in seconds.items()},
     }
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:

@@ -14,7 +14,7 @@ from typing import Any
 
 from tledface import _core
 from tledface import device as device_module
-from tledface.autotune import tune
+from tledface.autotune import tune, tune_recording
 from tledface.bench_report import report
 from tledface.errors import InputError
 from tledface.progress import spinner
@@ -70,6 +70,7 @@ def measure(
     opened = device_module.resolve(device)
     if kernels == "auto":
         tune(opened, precision=precision, hourglass=hourglass)
+    tune_recording(opened)
     text = _core.bench_measure(
         opened,
         workload,

@@ -219,7 +219,34 @@ class Sampler:
 
     def channels(self, begin: float, end: float) -> Floats:
         """All values of a step between two times (s), or of one moment."""
-        return np.concatenate([self.loads(begin), self.scalars(end), self.poses(begin, end)])
+        return np.asarray(self.channels_of_steps(np.array([begin, end]))[0])
+
+    def channels_of_steps(self, times: Floats) -> Floats:
+        """All values of the steps between ``times`` (n + 1,) s, (n, n_channels).
+
+        What stands still is entered for all steps at once; functions are called for each.
+        """
+        n = len(times) - 1
+        n_loads, n_pressures = len(self._loads), len(self._pressures)
+        table = np.empty((n, n_loads + n_pressures + len(self._scalars)))
+        moments = times.tolist()
+        changing = any(load is not None for load in self._loads)
+        if changing or any(callable(pressure.value) for pressure in self._pressures):
+            for row, begin in zip(table, moments, strict=False):
+                row[: n_loads + n_pressures] = self.loads(begin)
+        elif n_loads + n_pressures:
+            table[:, : n_loads + n_pressures] = self.loads(moments[0])
+        for column, record in enumerate(self._scalars, n_loads + n_pressures):
+            if callable(record.value):
+                ends = moments[1:]
+                table[:, column] = [record.scalar(t * self.time_scaling) for t in ends]
+            else:
+                table[:, column] = record.scalar(moments[-1] * self.time_scaling)
+        if not self._motions:
+            return table
+        at = np.array([self._poses_at(t) for t in moments])  # (n + 1, surfaces, 12)
+        poses = np.stack([at[:-1], at[1:]], axis=2).reshape(n, -1)
+        return np.concatenate([table, poses], axis=1)
 
     def channels_of_rest(self) -> Floats:
         """The values where nothing acts."""
@@ -227,16 +254,14 @@ class Sampler:
         values = np.zeros(len(self._loads) + len(self._pressures) + len(self._scalars))
         return np.concatenate([values, *rest])
 
-    def poses(self, begin: float, end: float) -> Floats:
-        """Poses of the surfaces that move, in the core's frame: 12 at each time (s) for each."""
-        return np.concatenate(
+    def _poses_at(self, t: float) -> Floats:
+        """Poses of the surfaces that move, in the core's frame, at time ``t`` (s)."""
+        return np.array(
             [
                 core_pose(self.model, pose_at(motion, t * self.time_scaling, f"motion {name!r}"))
                 for name, motion in self._motions
-                for t in (begin, end)
             ]
-            or [np.empty((0, 4))]
-        ).ravel()
+        ).reshape(len(self._motions), 12)
 
     @property
     def carries(self) -> bool:

@@ -49,6 +49,8 @@ class Device:
         Cores or multiprocessors.
     memory_bytes : int
         Memory of the device in bytes.
+    command_buffers : bool
+        Launches can be recorded and replayed: a trial gave the right bits.
     """
 
     id: str
@@ -61,6 +63,7 @@ class Device:
     has_double: bool
     compute_units: int
     memory_bytes: int
+    command_buffers: bool
 
 
 def devices() -> list[Device]:
@@ -151,6 +154,7 @@ def _describe(info: _core.DeviceInfo) -> Device:
         has_double=info.has_double,
         compute_units=info.compute_units,
         memory_bytes=info.memory_bytes,
+        command_buffers=info.command_buffers,
     )
 
 

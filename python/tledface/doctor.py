@@ -19,6 +19,8 @@ _VARIABLES = (
     "TLEDFACE_KERNELS",
     "TLEDFACE_NUM_THREADS",
     "TLEDFACE_INSTRUCTION_SET",
+    "TLEDFACE_AUTOTUNE",
+    "TLEDFACE_COMMAND_BUFFERS",
     "OCL_ICD_VENDORS",
     "OCL_ICD_FILENAMES",
     "POCL_DEVICES",
@@ -72,6 +74,7 @@ def text() -> str:
         lines.append(
             f"            {device['platform']}{driver}; {device['compute_units']} units, "
             f"{device['memory_bytes'] / 2**30:.1f} GiB, {real}"
+            + (", command buffers" if device["command_buffers"] else "")
         )
     return "\n".join(lines)
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tledface import device as device_module
 from tledface.errors import InputError, SimulationError
+from tledface.frame_queue import FrameQueue
 from tledface.io.surfaces import write_surface
 from tledface.io.vtkhdf import VTKHDFWriter
 from tledface.output import OutputFolder, earlier_run
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from tledface.model import Model
     from tledface.scene import Scene
     from tledface.simulator import Simulator
+    from tledface.snapshot import Snapshot
     from tledface.surface import BoundSurface
 
 __all__ = [
@@ -257,10 +259,14 @@ def _simulate(
         writer, notes = went_on
         checkpoints.wait(sim)
     started = time.perf_counter() - notes["wall"]
-    with writer, ProgressBar("simulating", duration, quiet=quiet) as bar:
-        frames = _Frames(writer, model.surfaces[surface], fps, pace, notes)
+    with (
+        writer,
+        _Frames(writer, model.surfaces[surface], fps, pace, notes) as frames,
+        ProgressBar("simulating", duration, quiet=quiet) as bar,
+    ):
 
         def take_checkpoint(sim: Simulator) -> None:
+            frames.settle()  # those that it counts are in the file
             now = {
                 "frames": frames.count,
                 "last_time": frames.last_time,
@@ -280,7 +286,7 @@ def _simulate(
         per_frame = max(1, round(_PROGRESS_TICKS / (fps * duration)))
         if isinstance(every, float):
             per_frame = max(per_frame, math.ceil(1.0 / (fps * every)))
-        sim.run(until=duration, on_frame=on_tick, fps=fps * per_frame)
+        sim.run(until=duration, on_frame=on_tick, fps=fps * per_frame, wait=False)
         if frames.last_time < sim.time:
             frames.take(sim)
         bar.update(duration)
@@ -308,7 +314,7 @@ def _simulate(
     )
 
 
-class _Frames:
+class _Frames(FrameQueue):
     """Frames at equal times, the first at the start, written at ``pace`` times their time."""
 
     def __init__(
@@ -319,6 +325,7 @@ class _Frames:
         pace: float,
         notes: Mapping[str, Any],
     ) -> None:
+        super().__init__(self._append)
         self._writer, self._surface, self._fps, self._pace = writer, surface, fps, pace
         self.count: int = notes["frames"]
         self.last_time: float = notes["last_time"]
@@ -327,16 +334,21 @@ class _Frames:
         return now >= self.count / self._fps
 
     def take(self, sim: Simulator) -> None:
+        self.make_room()  # before there is one more snapshot
+        self.put(sim.snapshot())
+        self.count += 1
+        self.last_time = sim.time
+
+    def _append(self, snapshot: Snapshot) -> None:
+        u = snapshot.u  # first, since it raises where the state is not finite
         # Stress may depend on the past, which frames do not hold; an evaluation is some five steps.
-        stress = sim.von_mises()
+        stress = snapshot.von_mises()
         self._writer.append(
-            sim.time * self._pace,
-            sim.u,
+            snapshot.time * self._pace,
+            u,
             von_mises=stress,
             on_surface={"von_mises": self._surface.of_elements(stress)},
         )
-        self.count += 1
-        self.last_time = sim.time
 
 
 def _shown_surface(model: Model) -> str:

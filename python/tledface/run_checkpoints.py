@@ -53,8 +53,12 @@ class RunCheckpoints:
         return sim.time + 0.51 * sim.dt >= self._next
 
     def take(self, sim: Simulator, writer: VTKHDFWriter, notes: dict[str, Any]) -> None:
-        """Write one; a full disk is a warning, as the one before it stays."""
+        """Write one; a full disk is a warning, as the one before it stays.
+
+        Raises SimulationError: the state is no longer finite; the one before it stays too.
+        """
         self.wait(sim)
+        sim._require_finite()
         last, before = self._folder / LAST, self._folder / BEFORE
         new = self._folder / _NEW
         try:

@@ -6,7 +6,6 @@ keeps the time step below its bound and gives arrays back.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -21,12 +20,13 @@ from tledface import device as device_module
 from tledface._core_model import check_number, checked_field, core_model, core_sliding
 from tledface._results import Results
 from tledface._serial import serial
-from tledface.autotune import tune
+from tledface.autotune import tune, tune_recording
 from tledface.conditions import Sampler, Values, prescribed_mask
 from tledface.energy import EnergyLedger, energy_interval, ledger_of
 from tledface.errors import InputError, SimulationError
 from tledface.relaxation import Equilibrium, relax
-from tledface.schedule import Constant, Schedule, as_schedule
+from tledface.schedule import Constant, as_schedule
+from tledface.snapshot import Snapshot
 from tledface.subcycling import SUBSTEPS, checked_subcycling
 from tledface.time_step import (
     RELIEFS,
@@ -126,8 +126,9 @@ class Simulator(Results):
         self._device = device_module.resolve(device)
         if kernels == "auto" and not model.is_conforming:
             tune(self._device, precision=precision, hourglass=hourglass)
+        tune_recording(self._device)
         density = model.element_parameters()["density"]
-        self._schedules: list[Schedule] = [Constant(0.0) for _ in model.muscles]
+        self._schedules = [Constant(0.0) for _ in model.muscles]
         for relief in RELIEFS if isinstance(scaling, dict) else (1.0,):
             scaled = scaled_density(core_model(model), density, scaling, relief)
             # Weight must not grow with the mass: it goes in as a force where masses are changed.
@@ -227,6 +228,8 @@ class Simulator(Results):
         until: float,
         on_frame: Callable[[Simulator], None] | None = None,
         fps: float | None = None,
+        *,
+        wait: bool = True,
     ) -> None:
         """Advance to time ``until`` (s), to the nearest step.
 
@@ -235,6 +238,9 @@ class Simulator(Results):
             on_frame: Called as ``on_frame(sim)`` at each multiple of ``1/fps`` after the start,
                 at the step nearest to it.
             fps: Frames a second of simulated time; needed with ``on_frame``.
+            wait: Before each ``on_frame``, wait for the device and make sure that the state is
+                finite. False: it is called while steps may still be going on, for what needs no
+                state or takes a `snapshot`, which makes sure itself.
 
         Raises:
             SimulationError: the state is no longer finite.
@@ -252,7 +258,8 @@ class Simulator(Results):
             to_frame = round((frame / fps - self.time) / self.dt)
             self.step(max(0, min(left, to_frame, self._watch.until_check)))
             if round((frame / fps - self.time) / self.dt) <= 0:
-                self._require_finite()
+                if wait:
+                    self._require_finite()
                 on_frame(self)
                 frame = max(frame + 1, math.floor(self.time * fps + 0.5))
         self._require_finite()
@@ -391,6 +398,17 @@ class Simulator(Results):
         self._applied = self._values_now()
         self._restart()
 
+    def snapshot(self) -> Snapshot:
+        """Take the state of now without waiting for the device; the steps may go on at once.
+
+        Returns:
+            `tledface.snapshot.Snapshot`: time, displacement and stress of this moment. Keep few:
+            each has its own copy of the displacement on the device and on the host.
+
+        Example: ``snap = sim.snapshot(); sim.step(100); snap.u``.
+        """
+        return Snapshot(self)
+
     def checkpoint(self, path: str | Path) -> None:
         """Write model, options, schedules and state to an HDF5 file, for `restore`.
 
@@ -436,18 +454,8 @@ class Simulator(Results):
 
     def _step(self, activations: NDArray[np.float64]) -> None:
         """Take as many shortest steps as there are rows of activations."""
-        n = len(activations)
-        channels, keys = np.empty((n, 0)), np.empty(0)
-        sampler = self._conditions
-        if not sampler.is_empty:
-            times = [self._core.time_after(step) for step in range(n + 1)]
-            channels = np.array(
-                [sampler.channels(start, end) for start, end in itertools.pairwise(times)]
-            )
-            if sampler.has_fields:
-                span = range(self._core.first_key(), self._core.last_key(n) + 1)
-                keys = np.concatenate([sampler.fields(self._core.key_time(k)) for k in span])
-        self._core.step(n, activations, channels, keys)
+        channels, keys = self._conditions_of_steps(len(activations))
+        self._core.step(len(activations), activations, channels, keys)
         # Fields are sampled again when they are asked for.
         self._applied = Values(activations[-1], channels[-1], np.empty(0))
 
@@ -478,56 +486,28 @@ class Simulator(Results):
         self._energies = ledger.enter(self._values_now(), next_u, (nodes, ways))
         self._until_entry = self._energy_every or 0
 
-    def _values_now(self) -> Values:
-        sampler, now = self._conditions, self.time
-        return Values(
-            self._activations_now(),
-            sampler.channels(now, now),
-            sampler.fields(now),
-        )
-
-    def _values_of_rest(self) -> Values:
-        now = self._values_now()
-        return Values(
-            np.zeros_like(now.activations),
-            self._conditions.channels_of_rest(),
-            np.zeros_like(now.fields),
-        )
-
     def _start_prescribed(self) -> None:
         sampler = self._conditions
         if sampler.prescribes:
             self._core.set_prescribed(sampler.scalars(self.time), sampler.fields(self.time))
 
-    def _activations_after(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Activations at the starts of later steps, (n,) -> (n, n_muscles)."""
-        return self._sampled(steps * self.substeps)
-
-    def _sampled(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The same, counted in shortest steps."""
-        times = np.array([self._core.time_after(step) for step in steps.tolist()])
-        times *= self._time_scaling
-        table = np.empty((len(times), len(self._schedules)))
-        for column, schedule in enumerate(self._schedules):
-            muscle = self.model.muscles[column]
-            table[:, column] = muscle.active_share(schedule.sample(times))
-        return table
-
-    def _activations_now(self) -> NDArray[np.float64]:
-        return np.asarray(self._sampled(np.zeros(1, dtype=np.int64))[0])
-
     def _require_finite(self) -> None:
-        if self._core.first_non_finite_node() < 0:
-            return
-        lost = np.flatnonzero(~np.isfinite(self.u).all(axis=1))
+        if self._core.first_non_finite_node() >= 0:
+            raise self._not_finite(self.u, self.n_steps, self.time, self.dt)
+
+    def _not_finite(
+        self, u: NDArray[np.float64], n_steps: int, time: float, dt: float
+    ) -> SimulationError:
+        """The error of a state (n_nodes, 3) seen at a step."""
+        lost = np.flatnonzero(~np.isfinite(u).all(axis=1))
         # While few nodes are lost, one of them tells where it began; once the loss has spread, what
         # was stiffest at the last look does.
         element = self._watch.stiffest
         if len(lost) < max(8, self.model.n_nodes // 100):
             element = int(np.flatnonzero((self.model.elements == lost[0]).any(axis=1))[0])
-        raise SimulationError(
-            f"the state is no longer finite: seen at step {self.n_steps}, t = {self.time:.6g} s, "
-            f"near element {element} ({self._name_of(element)}), dt = {self.dt:.3g} s, "
+        return SimulationError(
+            f"the state is no longer finite: seen at step {n_steps}, t = {time:.6g} s, "
+            f"near element {element} ({self._name_of(element)}), dt = {dt:.3g} s, "
             f"dt_crit at the last check = {self._watch.last_bound:.3g} s; take a smaller dt, lower "
             "the activation or raise the damping"
         )

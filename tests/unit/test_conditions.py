@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import tledface as tf
+from tledface._frame import core_pose
+from tledface.conditions import Sampler
 from tledface.errors import InputError
+from tledface.motion import pose_at
 
 SIZE = (4e-3, 3e-3, 2e-3)
 
@@ -194,3 +198,44 @@ def test_conditions_are_saved_where_they_are_numbers(tmp_path):
     with pytest.raises(InputError, match=r"given to Model.pressure cannot be saved; save the"):
         model.save(tmp_path / "n.h5")
     assert not (tmp_path / "n.h5").exists()
+
+
+@pytest.mark.parametrize("moving", [False, True], ids=["still", "moving"])
+def test_channels_of_many_steps_are_those_of_each(moving):
+    """Bit for bit, whatever stands still and whatever changes; functions see each step's time."""
+    calls = []
+
+    def push(t):
+        calls.append(t)
+        return 4e4 * t
+
+    model = block()
+    model.body_force(lambda c: c[:, 0] > 2e-3, (300.0, 0.0, -5e3))
+    model.pressure(lambda c, n: n[:, 0] > 0.5, 50.0)
+    model.prescribe(lambda X: top(X) & (X[:, 0] < 1e-3), {"x": 1e-5})
+    if moving:
+        model.body_force(np.ones(192, bool), lambda t: (1e2 * t, 2e3 * np.cos(500 * t), 0.0))
+        model.pressure(lambda c, n: n[:, 2] > 0.5, push)
+        model.prescribe(lambda X: top(X) & (X[:, 0] > 3e-3), {"y": lambda t: np.sin(700 * t)})
+        for shift in (1e-3, 2e-3):
+            bone = trimesh.creation.box((0.01, 0.01, 0.002))
+            bone.apply_translation((0.0, 0.0, -1e-3 - shift))
+            name = f"bone {shift}"
+            model.slide(
+                lambda X, s=shift: bottom(X) & ((X[:, 0] < 1.9e-3) == (s < 1.5e-3)), bone, name
+            )
+            motion = tf.RigidMotion(axis=(1, 2, 3), angle=0.1, share=tf.ramp(0, 1, 1e-3))
+            model.move_surface(name, motion)
+    sampler = Sampler(model, time_scaling=1.7)
+    times = 3e-4 + 1.7e-6 * np.arange(6)
+    table = sampler.channels_of_steps(times)
+    assert calls == [1.7 * t for t in times[:-1].tolist()] * moving
+    for row, begin, end in zip(table, times, times[1:], strict=False):
+        expected = [sampler.loads(begin), sampler.scalars(end)]
+        for _, motion in sampler._motions:
+            expected += [
+                core_pose(model, pose_at(motion, 1.7 * t, "motion")).ravel() for t in (begin, end)
+            ]
+        assert np.array_equal(row, np.concatenate(expected))
+    assert np.array_equal(sampler.channels(times[2], times[3]), table[2])
+    assert table.shape == (5, len(sampler.channels_of_rest()))

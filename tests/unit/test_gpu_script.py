@@ -77,17 +77,21 @@ def test_figures_are_kept_in_one_file(opencl, tmp_path):
         # The program itself must be there; only its minutes of work are left out.
         'if [ "$3" = bench ]; then\n'
         f'  {sys.executable} -c "$2" bench --device native --help > /dev/null || exit 1\n'
-        '  shift 3; echo "{\\"given\\": \\"$*\\"}"; exit; fi\n'
+        '  shift 3; echo "{\\"given\\": \\"$*\\", $ROWS}"; exit; fi\n'
         f'exec {sys.executable} "$@"\n'
     )
     package.chmod(0o755)
     output = tmp_path / "results"
     options = ["--device", opencl, "--no-tests", "--output", str(output)]
-    done = gpu(*options, "--", "--workload", "face", TLEDFACE_PYTHON=str(package))
+    rows = '"rows": [{"command_buffers": false}, {"command_buffers": true}]'
+    done = gpu(*options, "--", "--workload", "face", TLEDFACE_PYTHON=str(package), ROWS=rows)
     assert done.returncode == 0, done.stderr
     (file,) = output.iterdir()
     kept = json.loads(file.read_text())
-    assert kept["bench"] == {"given": f"--workload face --device {opencl} --json"}
+    assert kept["bench"]["given"] == f"--workload face --device {opencl} --json"
+    works = next(d.command_buffers for d in tf.devices() if d.id == opencl)
+    assert kept["command_buffers"] == {"work": works, "replayed": True}
+    assert f"command buffers work: {'yes' if works else 'no'}, replayed: yes" in done.stdout
     assert kept["device"]["id"] == opencl and kept["device"]["works"]
     assert kept["tledface"] == tf.__version__
     assert any(line.startswith("registered drivers: ") for line in kept["found"])

@@ -172,7 +172,7 @@ def test_search_finds_what_brute_force_finds(executor, figure, name):
 @pytest.mark.parametrize("name", ["rough", "box"])
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_row_kernels_put_nodes_back_as_a_pass_of_its_own_does(executor, name, precision):
-    """A load of nothing on one sliding node asks for the pass; steps dealt to calls as they come."""
+    """Loads of nothing on sliding nodes ask for the pass; steps are dealt to calls unevenly."""
     surface, height = SURFACES[name]
     reached, reactions = [], []
     for loaded in (False, True):

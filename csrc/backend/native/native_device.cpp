@@ -84,6 +84,16 @@ constexpr std::size_t kAlignment = 64;
 // and looking up where a small page is costs as much as its lines.
 constexpr std::size_t kLargePage = std::size_t(2) << 20;
 
+class NativeReading final : public Reading {
+ public:
+  NativeReading(const void* source, std::size_t bytes)
+      : bytes_(static_cast<const char*>(source), static_cast<const char*>(source) + bytes) {}
+  const void* bytes() override { return bytes_.data(); }
+
+ private:
+  std::vector<char> bytes_;
+};
+
 class NativeBuffer final : public Buffer {
  public:
   explicit NativeBuffer(std::size_t bytes) : bytes_(bytes) {
@@ -110,6 +120,9 @@ class NativeBuffer final : public Buffer {
   void read(void* target, std::size_t bytes, std::size_t offset) const override {
     check_range(bytes, offset);
     if (bytes) std::memcpy(target, static_cast<const char*>(data_) + offset, bytes);
+  }
+  std::unique_ptr<Reading> read_later() const override {
+    return std::make_unique<NativeReading>(data_, bytes_);
   }
   void* host_pointer() const override { return data_; }
 

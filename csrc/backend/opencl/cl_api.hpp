@@ -1,5 +1,6 @@
-// The part of the OpenCL 1.2 interface that tledface calls: types, constants and entry points as
-// the Khronos specification defines them. OpenCL is found at run time, so nothing links to it.
+// The part of the OpenCL 1.2 interface that tledface calls, and of cl_khr_command_buffer: types,
+// constants and entry points as the Khronos specification defines them. OpenCL is found at run
+// time, so nothing links to it.
 #pragma once
 #include <cstddef>
 #include <cstdint>
@@ -20,6 +21,7 @@ using Memory = struct MemoryObject*;
 using ProgramId = struct ProgramObject*;
 using KernelId = struct KernelObject*;
 using Event = struct EventObject*;
+using CommandBuffer = struct CommandBufferObject*;
 
 constexpr Int kSuccess = 0;
 constexpr Int kMemoryAllocationFailure = -4;
@@ -33,6 +35,8 @@ constexpr Bitfield kDeviceTypeCpu = 1u << 1;
 constexpr Bitfield kDeviceTypeGpu = 1u << 2;
 constexpr Bitfield kDeviceTypeAll = 0xFFFFFFFFu;
 constexpr Bitfield kMemoryReadWrite = 1u << 0;
+constexpr Bitfield kMemoryAllocateOnHost = 1u << 4;
+constexpr Bitfield kMapRead = 1u << 0, kMapWrite = 1u << 1;
 
 constexpr Enum kPlatformVersion = 0x0901;
 constexpr Enum kPlatformName = 0x0902;
@@ -48,8 +52,14 @@ constexpr Enum kDeviceCompilerAvailable = 0x1028;
 constexpr Enum kDeviceName = 0x102B;
 constexpr Enum kDriverVersion = 0x102D;
 constexpr Enum kDeviceExtensions = 0x1030;
+constexpr Enum kDevicePlatform = 0x1031;
 constexpr Enum kDeviceDoubleConfig = 0x1032;
 constexpr Enum kDeviceNativeVectorWidthFloat = 0x103A;
+
+constexpr Enum kDeviceCommandBufferCapabilities = 0x12A9;
+constexpr Enum kDeviceCommandBufferRequiredQueue = 0x12AA;
+constexpr Bitfield kCommandBufferCapabilitySimultaneous = 1u << 2;
+constexpr std::uint64_t kCommandBufferFlags = 0x1293, kCommandBufferSimultaneousUse = 1u << 0;
 
 constexpr Enum kProgramBuildLog = 0x1183;
 constexpr Enum kKernelWorkGroupSize = 0x11B0;
@@ -72,6 +82,11 @@ constexpr Enum kKernelWorkGroupSize = 0x11B0;
     (Queue, Memory, Bool, std::size_t, std::size_t, void*, UInt, const Event*, Event*))          \
   X(EnqueueWriteBuffer, Int,                                                                     \
     (Queue, Memory, Bool, std::size_t, std::size_t, const void*, UInt, const Event*, Event*))    \
+  X(EnqueueCopyBuffer, Int,                                                                      \
+    (Queue, Memory, Memory, std::size_t, std::size_t, std::size_t, UInt, const Event*, Event*))  \
+  X(EnqueueMapBuffer, void*,                                                                     \
+    (Queue, Memory, Bool, Bitfield, std::size_t, std::size_t, UInt, const Event*, Event*, Int*)) \
+  X(EnqueueUnmapMemObject, Int, (Queue, Memory, void*, UInt, const Event*, Event*))              \
   X(WaitForEvents, Int, (UInt, const Event*))                                                    \
   X(ReleaseEvent, Int, (Event))                                                                  \
   X(EnqueueFillBuffer, Int,                                                                      \
@@ -89,6 +104,7 @@ constexpr Enum kKernelWorkGroupSize = 0x11B0;
   X(EnqueueNDRangeKernel, Int,                                                                   \
     (Queue, KernelId, UInt, const std::size_t*, const std::size_t*, const std::size_t*, UInt,    \
      const Event*, Event*))                                                                      \
+  X(GetExtensionFunctionAddressForPlatform, void*, (Platform, const char*))                      \
   X(Flush, Int, (Queue))                                                                         \
   X(Finish, Int, (Queue))
 
@@ -98,6 +114,25 @@ struct Api {
 #define TLEDFACE_CL_DECLARE(name, result, arguments) result(*name) arguments = nullptr;
   TLEDFACE_CL_ENTRY_POINTS(TLEDFACE_CL_DECLARE)
 #undef TLEDFACE_CL_DECLARE
+};
+
+// What cl_khr_command_buffer has that all its versions (0.9.0 and later) call alike. The fourth
+// argument of a recorded launch is the kernel; sync points and handles of commands are not used.
+#define TLEDFACE_CL_COMMAND_BUFFER_ENTRY_POINTS(X)                                           \
+  X(CreateCommandBufferKHR, CommandBuffer, (UInt, const Queue*, const std::uint64_t*, Int*)) \
+  X(FinalizeCommandBufferKHR, Int, (CommandBuffer))                                          \
+  X(ReleaseCommandBufferKHR, Int, (CommandBuffer))                                           \
+  X(EnqueueCommandBufferKHR, Int, (UInt, Queue*, CommandBuffer, UInt, const Event*, Event*)) \
+  X(CommandNDRangeKernelKHR, Int,                                                            \
+    (CommandBuffer, Queue, const std::uint64_t*, KernelId, UInt, const std::size_t*,         \
+     const std::size_t*, const std::size_t*, UInt, const UInt*, UInt*, void**))
+
+// Entry points of one platform.
+struct CommandBufferApi {
+#define TLEDFACE_CL_DECLARE(name, result, arguments) result(*name) arguments = nullptr;
+  TLEDFACE_CL_COMMAND_BUFFER_ENTRY_POINTS(TLEDFACE_CL_DECLARE)
+#undef TLEDFACE_CL_DECLARE
+  bool simultaneous = false;  // one that is still running may be enqueued again
 };
 
 }  // namespace tledface::cl

@@ -22,8 +22,12 @@ class OpenClDevice final : public Device {
   std::unique_ptr<Buffer> allocate(std::size_t bytes) override;
   // Builds options.file of the kernel folder.
   std::unique_ptr<Program> build(const ProgramOptions& options) override;
+  std::unique_ptr<Recording> record(const std::function<void()>& launches) override;
   void flush() override;
   void finish() override;
+
+  // Whether the driver says that it has command buffers; DeviceInfo says whether they are right.
+  bool offers_command_buffers() const;
 
   // Builds `source` as it is; SimulationError with the first errors of the compiler's log.
   std::unique_ptr<Program> build_source(const std::string& source, const ProgramOptions& options);

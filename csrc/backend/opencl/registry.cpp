@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <mutex>
 
 #include "backend/opencl/loader.hpp"
@@ -47,6 +48,38 @@ std::string wrong_numbers(OpenClDevice& device, Precision precision, double tole
   return {};
 }
 
+// Whether launches that are recorded and replayed give the bits of launches one by one: three that
+// read what the one before wrote, twice.
+bool records_rightly(OpenClDevice& device) {
+  if (!device.offers_command_buffers()) return false;
+  ProgramOptions options;
+  std::vector<float> values(kProbeRows * kProbeWidth);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = 0.25f + float(i) / 64;
+  const std::size_t bytes = values.size() * sizeof(float);
+  const auto program = device.build_source(shipped_kernel_source("probe.cl", options), options);
+  const auto kernel = program->kernel("probe");
+  const auto first = device.allocate(bytes), second = device.allocate(bytes);
+  const auto launches = [&] {
+    for (const int n_rows : {kProbeRows, kProbeRows - 1, kProbeRows - 2}) {
+      const bool forth = n_rows % 2 == kProbeRows % 2;
+      kernel->set_arg(0, forth ? *first : *second);
+      kernel->set_arg(1, forth ? *second : *first);
+      kernel->set_arg(2, n_rows);
+      kernel->enqueue(kProbeRows);
+    }
+  };
+  std::vector<float> expected(values.size()), got(values.size());
+  for (auto* result : {&expected, &got}) {
+    first->write(values.data(), bytes);
+    second->write(values.data(), bytes);
+    std::unique_ptr<Recording> recording;
+    if (result == &got && !(recording = device.record(launches))) return false;
+    for (int twice = 0; twice < 2; ++twice) recording ? recording->replay() : launches();
+    second->read(result->data(), bytes);
+  }
+  return std::memcmp(expected.data(), got.data(), bytes) == 0;
+}
+
 class Registry {
  public:
   Registry() : api_(opencl_api()) {
@@ -83,6 +116,7 @@ class Registry {
     if (!entry.probed) {
       entry.info.reason = run_probe(entry);
       entry.info.works = entry.info.reason.empty();
+      entry.info.command_buffers = entry.info.works && try_recording(entry);
       entry.probed = true;
     }
     return entry.info;
@@ -122,6 +156,17 @@ class Registry {
       const std::string prefix = "device '" + entry.info.id + "': ";
       const std::string text = error.what();
       return text.rfind(prefix, 0) == 0 ? text.substr(prefix.size()) : text;
+    }
+  }
+
+  bool try_recording(const Entry& entry) {
+    try {
+      DeviceInfo info = entry.info;
+      info.command_buffers = true;
+      OpenClDevice device(*api_, entry.handle, info);
+      return records_rightly(device);
+    } catch (const std::exception&) {
+      return false;
     }
   }
 
