@@ -80,7 +80,7 @@ def contracted(model, **options):
 
 
 def main(kernels, precision, hourglass, laws):
-    """Two steps, a snapshot between them, forces and a look, on the OpenCL library's first device."""
+    """Two steps, a snapshot between them, forces and a look, on OpenCL's first device."""
     sim = contracted(
         body_of_everything((18, 9, 3), laws=laws == "laws"),
         device="opencl:0",
@@ -93,7 +93,11 @@ def main(kernels, precision, hourglass, laws):
     first, u = sim.snapshot(), sim.u
     sim.step(1)
     force = sim.internal_force()
-    """Two steps, a snapshot between them, forces and a look, on the OpenCL library's first device."""
+    sim._core.first_non_finite_node()
+    sim._core.limit_now(np.full(len(sim.model.muscles), 0.1), 0.0, 0.8, 1.1)
+    sim._core.dt = 0.9 * sim.dt
+    moved = abs(sim.u - u).max() > 0 and np.array_equal(first.u, u)
+    print(sim._device.info.name, sim._core.kernels, moved, np.isfinite(force).all())
 
 
 if __name__ == "__main__":
