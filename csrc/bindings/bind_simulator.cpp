@@ -408,6 +408,11 @@ void define_simulator(py::module_& module) {
       .def_property_readonly("n_steps", &Simulator::n_steps)
       .def_property_readonly("uses_rows", &Simulator::uses_rows)
       .def_property_readonly("kernels", &Simulator::kernels)
+      .def_property_readonly("limit_iterations", &Simulator::limit_iterations,
+                             "How often the limit of the step was iterated for.")
+      .def_property_readonly(
+          "has_laws", [](const Simulator& sim) { return !sim.model().laws.empty(); },
+          "Whether there are constitutive laws beyond the base ones.")
       .def_property_readonly("fuses_sliding", &Simulator::fuses_sliding,
                              "Whether the kernels of a step put sliding nodes back themselves.")
       .def_property_readonly("fill", [](const Simulator& sim) { return sim.arrays().fill(); })

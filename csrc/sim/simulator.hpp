@@ -131,6 +131,7 @@ class Simulator {
   TimeStepBound bound_at_rest() const;
   // The limit under the deformation of now; see StepLimiter::limit.
   StepLimit limit_now(const FibreReach& reach, double enough);
+  std::int64_t limit_iterations() const { return limiter_ ? limiter_->iterations() : 0; }
   StepLimit measured_limit(const std::vector<double>& activations);
 
   // Counted from the last change of dt: the same number however steps were dealt to calls.

@@ -121,6 +121,7 @@ StepLimiter::StepLimiter(Simulator& sim, std::unique_ptr<StepBounds> bounds)
 StepLimiter::~StepLimiter() = default;
 
 double StepLimiter::highest_square(const std::vector<double>& activations) {
+  ++iterations_;
   const auto u = sim_.displacement(), past = sim_.history(), node_squares = bounds_->squares();
   const std::size_t n = u.size(), lanes = arrays_.lanes;
   std::vector<double> inverse_root(n), q(n), before(n, 0.0), w(n), force(n);

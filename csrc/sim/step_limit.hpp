@@ -2,6 +2,7 @@
 // (step_bounds.hpp), and a Lanczos iteration on the assembled operator that tightens it (the bound
 // alone lies some 30 % below the limit), in float64 on the host whatever device runs the steps.
 #pragma once
+#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -44,6 +45,8 @@ class StepLimiter {
   // What the next answer depends on: omega^2 of each node's bound at the last iteration, and the
   // operator's then (0: none yet). For restarts bit for bit.
   std::vector<double> last_squares() const;
+  // How often the iteration was run.
+  std::int64_t iterations() const { return iterations_; }
   double last_square() const { return last_square_; }
   void restore(const std::vector<double>& squares, double square);
 
@@ -64,6 +67,7 @@ class StepLimiter {
   std::unique_ptr<Simulator> host_;
   const SolverArrays& arrays_;
   double last_square_ = 0;
+  std::int64_t iterations_ = 0;
 };
 
 }  // namespace tledface

@@ -151,7 +151,13 @@ class Simulator(Results):
             factor = None if isinstance(scaling, dict) else scaling or 1.0
             try:
                 self._watch = StepWatch(
-                    self._core, self._name_of, dt, factor, len(model.muscles), subcycling
+                    self._core,
+                    self._name_of,
+                    dt,
+                    factor,
+                    len(model.muscles),
+                    subcycling,
+                    self._device.info.kind,
                 )
             except InputError:
                 if isinstance(scaling, dict) and relief < RELIEFS[-1]:

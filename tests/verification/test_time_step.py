@@ -7,6 +7,7 @@ import pytest
 
 import tledface as tf
 from scenes import soft
+from tledface import time_step
 from tledface.errors import InputError, SimulationError
 
 
@@ -255,6 +256,35 @@ def test_auto_dt_comes_back_when_the_body_does():
     assert lowest < 0.7 * first
     assert 0.8 * first < sim.dt <= first
     assert abs(sim.u).max() < 1e-6
+
+
+def test_iterations_wait_where_steps_are_cheap(monkeypatch, tmp_path):
+    """As on a GPU: between two of them the nodes' bound lowers dt, in time, by what it is worse."""
+
+    def run(pause, until=0.03):
+        monkeypatch.setitem(time_step._PAUSE, "native", pause)
+        model = muscle()
+        model.fix(lambda X: X[:, 0] < 1e-9)
+        sim = tf.Simulator(model, damping=500.0, device="native")
+        sim.activate("m", tf.ramp(0, 0.6, 0.02))
+        rest = sim._core.limit_iterations
+        sim.run(until=until)
+        return sim, sim._core.limit_iterations - rest
+
+    often, n_often = run(0)
+    never, n_never = run(1 << 20)
+    some, n_some = run(400)
+    assert n_never == 0 and 0 < n_some < n_often
+    assert n_some <= some.n_steps // 400
+    for sim in (often, never, some):
+        assert sim.dt <= sim._core.measured_limit([0.6])[0]
+    assert often.dt > never.dt > 0.6 * often.dt
+    assert abs(never.u - often.u).max() < 1e-3 * abs(often.u).max()
+    half, _ = run(400, until=0.008)
+    half.checkpoint(tmp_path / "c.h5")
+    again = tf.Simulator.restore(tmp_path / "c.h5")
+    again.run(until=0.03)
+    assert again.n_steps == some.n_steps and np.array_equal(again.u, some.u)
 
 
 def test_a_given_dt_above_the_limit_of_now_warns_once():
