@@ -46,9 +46,9 @@ _FIRST_CHECK, _LAST_CHECK = 8, 512
 # costs some accuracy. The iteration that finds out is run when the nodes' bound, which moves less
 # than the limit, has risen by the second.
 _RAISE, _HOPE = 1.25, 1.02
-# Shortest steps from one iteration to the next, by the kind of the device. One takes 1.4 s of a host
-# for 500 000 elements, in which a GPU takes some 30 000 steps; the nodes' bound, which is there at
-# once, asks for steps up to a third shorter. Counted, not timed: a run is repeated bit for bit.
+# Shortest steps from one iteration to the next, by the kind of the device. One takes 1.4 s of a
+# host for 500 000 elements, in which a GPU takes some 30 000 steps; the nodes' bound, which is there
+# at once, asks for steps up to a third shorter. Counted, not timed: a run repeats bit for bit.
 _PAUSE = {"gpu": 1 << 15, "accelerator": 1 << 15}
 # The limit is falling when a look finds it lower than this share of the one before.
 _FALLING = 0.98
@@ -106,8 +106,8 @@ class StepWatch:
         """See the class."""
         self._core, self._name_of = core, name_of
         self.auto = dt == "auto"
-        # A given dt is not to be warned of for what is only a bound; of laws beyond the base ones the
-        # bound knows nothing.
+        # A given dt is not to be warned of for what is only a bound; of laws beyond the base ones
+        # the bound knows nothing.
         self._pause = _PAUSE.get(kind, 0) if self.auto and not core.has_laws else 0
         rest = np.zeros(n_muscles)
         enough = math.inf if isinstance(dt, str) else float(dt)
