@@ -48,7 +48,7 @@ _FIRST_CHECK, _LAST_CHECK = 8, 512
 _RAISE, _HOPE = 1.25, 1.02
 # Shortest steps from one iteration to the next, by the kind of the device. One takes 1.4 s of a
 # host for 500 000 elements, in which a GPU takes some 30 000 steps; the nodes' bound, which is
-# there at once, asks for steps up to a third shorter. Counted, not timed: a run repeats bit for bit.
+# there at once, asks for steps up to a third shorter. Counted, not timed: runs repeat bit for bit.
 _PAUSE = {"gpu": 1 << 15, "accelerator": 1 << 15}
 # The limit is falling when a look finds it lower than this share of the one before.
 _FALLING = 0.98
