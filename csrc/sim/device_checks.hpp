@@ -9,6 +9,7 @@
 #include "backend/device.hpp"
 #include "precompute/solver_arrays.hpp"
 #include "sim/kernel_binder.hpp"
+#include "sim/real_buffers.hpp"
 
 namespace tledface {
 
@@ -66,9 +67,5 @@ class StateChecks {
   std::unique_ptr<Buffer> ratio_;
   std::unique_ptr<Kernel> find_, scale_;
 };
-
-// Reals of a buffer, float64 on the host.
-void write_reals(Buffer& buffer, const std::vector<double>& values, Precision precision);
-std::vector<double> read_reals(const Buffer& buffer, std::size_t count, Precision precision);
 
 }  // namespace tledface

@@ -8,6 +8,7 @@
 #include "broad_phase/sliding_layout.hpp"
 #include "broad_phase/zones.hpp"
 #include "core/error.hpp"
+#include "sim/real_buffers.hpp"
 
 namespace tledface {
 namespace {
@@ -18,15 +19,6 @@ constexpr std::size_t kGroup = 64;
 constexpr std::uint8_t kLayout = 3;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
-
-void write_reals(Buffer& buffer, const std::vector<double>& values, Precision precision) {
-  if (precision == Precision::kDouble) {
-    buffer.write(values.data(), values.size() * sizeof(double));
-  } else {
-    const std::vector<float> narrow(values.begin(), values.end());
-    buffer.write(narrow.data(), narrow.size() * sizeof(float));
-  }
-}
 
 std::unique_ptr<Buffer> upload(Device& device, const std::vector<double>& values,
                                Precision precision) {
@@ -374,17 +366,8 @@ std::vector<std::int32_t> Sliding::read_integers(const Buffer& buffer) const {
 }
 
 std::vector<double> Sliding::read_reals(const Buffer& buffer) const {
-  const std::size_t count = buffer.bytes() / real_size(precision_);
-  std::vector<double> values(count);
   device_.finish();
-  if (precision_ == Precision::kDouble) {
-    buffer.read(values.data(), count * sizeof(double));
-  } else {
-    std::vector<float> narrow(count);
-    buffer.read(narrow.data(), count * sizeof(float));
-    std::copy(narrow.begin(), narrow.end(), values.begin());
-  }
-  return values;
+  return tledface::read_reals(buffer, buffer.bytes() / real_size(precision_), precision_);
 }
 
 std::vector<double> Sliding::normals() const {
