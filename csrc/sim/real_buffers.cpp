@@ -14,6 +14,15 @@ void write_reals(Buffer& buffer, const std::vector<double>& values, Precision pr
   }
 }
 
+void write_reals_later(Buffer& buffer, const std::vector<double>& values, Precision precision) {
+  if (precision == Precision::kDouble) {
+    buffer.write_later(values.data(), values.size() * sizeof(double));
+  } else {
+    const std::vector<float> narrow(values.begin(), values.end());
+    buffer.write_later(narrow.data(), narrow.size() * sizeof(float));
+  }
+}
+
 std::vector<double> read_reals(const Buffer& buffer, std::size_t count, Precision precision) {
   std::vector<double> values(count);
   if (precision == Precision::kDouble) {

@@ -8,6 +8,8 @@
 namespace tledface {
 
 void write_reals(Buffer& buffer, const std::vector<double>& values, Precision precision);
+// Without waiting for what was enqueued before.
+void write_reals_later(Buffer& buffer, const std::vector<double>& values, Precision precision);
 std::vector<double> read_reals(const Buffer& buffer, std::size_t count, Precision precision);
 
 }  // namespace tledface

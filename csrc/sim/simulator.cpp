@@ -14,11 +14,6 @@ namespace {
 // A step below 0 asks laws for their answer without relaxation and flow; its size is none.
 constexpr double kInstant = -1e-30;
 
-template <class T>
-std::vector<T> narrowed(const std::vector<double>& values) {
-  return std::vector<T>(values.begin(), values.end());
-}
-
 PrecomputeOptions precompute_options(const SimulatorOptions& options, const Device& device) {
   if (options.precision == Precision::kDouble && !device.info().has_double)
     throw InputError("precision: device '" + device.info().id + "' (" + device.info().name +
@@ -164,12 +159,7 @@ void Simulator::write_reals(Buffer& buffer, const std::vector<double>& values) {
 }
 
 void Simulator::write_table(const std::vector<double>& rows) {
-  if (options_.precision == Precision::kDouble) {
-    step_table_->write_later(rows.data(), rows.size() * sizeof(double));
-  } else {
-    const auto narrow = narrowed<float>(rows);
-    step_table_->write_later(narrow.data(), narrow.size() * sizeof(float));
-  }
+  write_reals_later(*step_table_, rows, options_.precision);
 }
 
 SolverBuffers Simulator::solver_buffers() const {

@@ -2,7 +2,6 @@
 
 #include <utility>
 
-#include "core/error.hpp"
 #include "precompute/layout.hpp"
 #include "sim/simulator.hpp"
 
@@ -21,8 +20,7 @@ std::vector<double> widened(const void* bytes, std::size_t count, Precision prec
 }  // namespace
 
 std::unique_ptr<Snapshot> Simulator::snapshot(const std::vector<double>& activations) {
-  if (activations.size() != model_.muscles.size())
-    throw InputError("snapshot: one activation a muscle is needed");
+  check_activations("snapshot", activations);
   return std::unique_ptr<Snapshot>(new Snapshot(*this, activations));
 }
 

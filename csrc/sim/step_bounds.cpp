@@ -91,15 +91,7 @@ StepBounds::StepBounds(Device& device, Program& program, const VoxelModel& model
                          {n_rows, n_items_});
 }
 
-void StepBounds::write_look() {
-  // Neither waits for the device.
-  if (precision_ == Precision::kDouble) {
-    look_->write_later(look_values_.data(), look_->bytes());
-  } else {
-    const std::vector<float> narrow(look_values_.begin(), look_values_.end());
-    look_->write_later(narrow.data(), look_->bytes());
-  }
-}
+void StepBounds::write_look() { write_reals_later(*look_, look_values_, precision_); }
 
 void StepBounds::find_elements(const Buffer& u, const FibreReach& reach, double threshold) {
   const bool reaches = exact_elements_ && (reach.low != 1 || reach.high != 1);
