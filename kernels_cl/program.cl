@@ -25,9 +25,9 @@
 #include "sliding_region.cl"
 #include "sliding_plane.cl"
 #include "sliding.cl"
+#include "row_element.cl"
 #if TLED_VECTOR_ROWS
 #include "sliding_rows.cl"
-#include "row_element.cl"
 #include "rows.cl"
 #else
 #include "corner_modes.cl"

@@ -61,28 +61,29 @@ INLINE Vec mode_xyz(const Face* low, const Face* high) {
 // What the laws of a block's entries give, from its faces, so that the fused loop keeps no room for
 // it; column d times V/(4 h_d). The volumetric part is left out: it is in along_cof.
 OUT_OF_LINE void laws_of_row(const ElementTables* t, const Face* low, const Face* high, int block,
-                             int store, Tensor* own) {
+                             int lane, int store, Tensor* own) {
   __global const int* links = t->blocks + (long)block * TLED_BLOCK_INTS;
   __global const real* parameters =
-      t->materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES);
+      t->materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES) + lane;
   const Kinematics k = kinematics(
       deformation_gradient(linear_modes(low, high), voxel_gradient(t->shape, 0)), parameters);
-  stress_of_laws(t, &k, parameters, links, 0, store, own);
+  stress_of_laws(t, &k, parameters, links, lane, store, own);
   scale_columns(own, t->shape);
 }
 
+// material: the block's row set; lane: this work-item's, 0 where it does all.
 INLINE void row_element(ElementTables t, const Face* low, const Face* high,
-                        __global const int* links, int block, int store, const int physical,
-                        const int cube, ElementForce* e) {
+                        __global const int* links, int material, int block, int lane, int store,
+                        const int physical, const int cube, ElementForce* e) {
   __global const real* parameters =
-      t.materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES);
+      t.materials + (long)material * (TLED_MATERIAL_ROWS * TLED_LANES) + lane;
   const Axes gradient = voxel_gradient(t.shape, cube), force = voxel_force(t.shape, cube);
   const Kinematics k =
       kinematics(deformation_gradient(linear_modes(low, high), gradient), parameters);
   e->F = k.F;
   e->cof = k.cof;
   realv along_F = broadcast(R(0.0)), along_cof = volumetric_stress(parameters, k);
-  const int has_laws = links[BLOCK_LAW_BEGIN] != links[BLOCK_LAW_END];
+  const int has_laws = TLED_LAWS && links[BLOCK_LAW_BEGIN] != links[BLOCK_LAW_END];
   if (!has_laws) {
     const IsotropicStress s =
         isochoric_neo_hookean(load_lanes(parameters + MATERIAL_MU * TLED_LANES), k);
@@ -104,10 +105,10 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
       const ElementTables tables = t;
       const Face below = *low, above = *high;
       Tensor laws;
-      laws_of_row(&tables, &below, &above, block, store, &laws);
+      laws_of_row(&tables, &below, &above, block, lane, store, &laws);
       own = laws;
     }
-    add_muscles(t, k.F, k.J, links, 0, &own);
+    add_muscles(t, k.F, k.J, links, lane, &own);
     e->own = own;
   }
   if (physical) {

@@ -153,7 +153,8 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
         if (!low_is_valid) load_face(u, blocks, block, &low);
         load_face(u, blocks, block + 1, &high);
         ElementForce e;
-        row_element(t, &low, &high, links, block, !forces_only && !nodes.seed, physical, cube,
+        row_element(t, &low, &high, links, links[BLOCK_MATERIAL], block, 0,
+                    !forces_only && !nodes.seed, physical, cube,
                     &e);
         if (weight != R(1.0)) weigh_element(&e, weight);
         finish_component(nodes, element_force_x(&e, &carried, physical), 0, forces_only);

@@ -13,41 +13,65 @@
 //       |  +---+---+---+---+-> x
 //
 // What two elements of a column share, the transform of the face between them and the forces on it,
-// stays in the item's registers. Two buffers in local memory take turns, so that one barrier a
-// plane is enough: who writes a buffer again has passed the barrier behind its last reading.
+// stays in the item's registers. Displacements come through local memory: an item brings that of its
+// own node two planes ahead, some bring one of the last column or row besides. They and whatever else
+// a plane needs are asked for a plane before, so that nothing waits for memory. Of all that is in
+// local memory there are two buffers that take turns: one barrier a plane is enough, since who writes
+// a buffer again has passed the barrier behind its last reading.
 // A node adds its forces in an order that tiles have no part in: shapes of tiles do not change a bit.
 
-// Modes of the four corner values of a face; at: where their x components are in u.
-INLINE void load_face_modes(__global const real* u, const int at[4], real face[3][4]) {
+// Where a work-item finds a column of nodes: its blocks, plane by plane, and its place in local memory.
+typedef struct {
+  __global const int* place;
+  int lane, at;
+} Column;
+
+// (i, j): of a node of the tile's, the first of its elements at (0, 0).
+INLINE Column column_of(__global const int* tile, __global const int* places, int i, int j, int width,
+                        int across) {
+  const int x = tile[TILE_LANE] + i;
+  Column c;
+  c.place = places + tile[TILE_PLACES] + j * across + x / TLED_LANES;
+  c.lane = x % TLED_LANES;
+  c.at = 3 * (j * (width + 1) + i);
+  return c;
+}
+
+INLINE void fetch_node(__global const real* u, int block, int lane, real node[3]) {
+  const int at = block * (3 * TLED_LANES) + lane;
+  node[0] = u[at];
+  node[1] = u[at + TLED_LANES];
+  node[2] = u[at + 2 * TLED_LANES];
+}
+INLINE void put_node(const real node[3], __local real* plane) {
+  plane[0] = node[0];
+  plane[1] = node[1];
+  plane[2] = node[2];
+}
+
+// Modes of the displacements at the corners of a face; corner: the low one's, next: from a row of
+// nodes to the one behind it.
+INLINE void face_of(__local const real* corner, int next, Face* face) {
   for (int c = 0; c < 3; ++c) {
-    const real lower = u[at[0] + c * TLED_LANES], lower_next = u[at[1] + c * TLED_LANES],
-               upper = u[at[2] + c * TLED_LANES], upper_next = u[at[3] + c * TLED_LANES];
+    const real lower = corner[c], lower_next = corner[3 + c], upper = corner[next + c],
+               upper_next = corner[next + 3 + c];
     const real a = lower + lower_next, b = lower_next - lower;
     const real d = upper + upper_next, e = upper_next - upper;
-    face[c][0] = a + d;
-    face[c][1] = b + e;
-    face[c][2] = d - a;
-    face[c][3] = e - b;
+    face->s[c] = a + d;
+    face->x[c] = b + e;
+    face->y[c] = d - a;
+    face->xy[c] = e - b;
   }
 }
 
-// place: of this row of the tile, and the next `across` behind it; x: this item's in its chunks.
-INLINE void load_face_at(__global const real* u, __global const int* place, int across, int x,
-                         real face[3][4]) {
-  const int low = x / TLED_LANES, lane = x % TLED_LANES;
-  const int far = (x + 1) / TLED_LANES, far_lane = (x + 1) % TLED_LANES;
-  const int at[4] = {place[low] * (3 * TLED_LANES) + lane,
-                     place[far] * (3 * TLED_LANES) + far_lane,
-                     place[across + low] * (3 * TLED_LANES) + lane,
-                     place[across + far] * (3 * TLED_LANES) + far_lane};
-  load_face_modes(u, at, face);
-}
-
-INLINE int has_element(__global const int* blocks, __global const real* materials, int block,
-                       int lane) {
-  const int set = blocks[(long)block * TLED_BLOCK_INTS + BLOCK_MATERIAL];
-  return set >= 0 && materials[((long)set * TLED_MATERIAL_ROWS + MATERIAL_PRESENT) * TLED_LANES +
-                               lane] > R(0.0);
+// A component of an element's forces on its low face, split among the corners: the item's own is
+// returned, those of the corners behind it in x, in y and in both are handed on.
+INLINE real hand_on(FaceForce f, const int component, __local real* mine) {
+  const real lower = f.s - f.y, lower_x = f.x - f.xy, upper = f.s + f.y, upper_x = f.x + f.xy;
+  mine[component] = lower + lower_x;
+  mine[3 + component] = upper - upper_x;
+  mine[6 + component] = upper + upper_x;
+  return lower - lower_x;
 }
 
 // Work-item: an element, and a node, of each plane of its tile. integrates: out is u_prev, replaced
@@ -55,79 +79,104 @@ INLINE int has_element(__global const int* blocks, __global const real* material
 INLINE void process_tile(ElementTables t, __global const real* u, __global real* out,
                          __global const int* tiles, __global const int* places,
                          __global const real* node_sets, __local real* handed, int n_blocks,
-                         int width, int integrates, const int physical) {
-  const int item = (int)get_local_id(0), n_items = (int)get_local_size(0);
+                         int width, int integrates, const int physical, const int cube) {
+  const int item = (int)get_local_id(0), n_items = (int)get_local_size(0), rows = n_items / width;
   const int i = item % width, j = item / width, across = TLED_TILE_BLOCKS(width, TLED_LANES);
+  const int plane_places = (rows + 1) * across, row_reals = 3 * (width + 1);
   __global const int* tile = tiles + (long)get_group_id(0) * TLED_TILE_INTS;
-  const int n_planes = tile[TILE_PLANES], x = tile[TILE_LANE] + i;
-  const int lane = x % TLED_LANES, plane_places = (n_items / width + 1) * across;
-  __global const int* place = places + tile[TILE_PLACES] + j * across;
-  int has_face = 0;
-  real face[3][4], carried[3][4];  // between this plane's elements and those below: modes, forces
+  const int n_planes = tile[TILE_PLANES], last = (n_planes + 1) * plane_places;
+  const Column own = column_of(tile, places, i, j, width, across);
+  // The nodes behind the last column, then those behind the last row.
+  const int brings_more = item < rows + 1 + width;
+  const Column more = item <= rows ? column_of(tile, places, width, item, width, across)
+                                   : column_of(tile, places, item - rows - 1, rows, width, across);
+  __local real* planes = handed + 2 * n_items * TLED_TILE_HANDED;
+  const int plane_reals = (rows + 1) * row_reals;
+
+  // Blocks of the item's node on this plane and the next two; of the other column on the one after.
+  int block = own.place[0], next_block = own.place[plane_places];
+  int ahead = min(2 * plane_places, last), ahead_block = own.place[ahead], more_block = 0;
+  real node[3];
+  fetch_node(u, block, own.lane, node);
+  put_node(node, planes + own.at);
+  fetch_node(u, next_block, own.lane, node);
+  put_node(node, planes + plane_reals + own.at);
+  if (brings_more) {
+    fetch_node(u, more.place[0], more.lane, node);
+    put_node(node, planes + more.at);
+    fetch_node(u, more.place[plane_places], more.lane, node);
+    put_node(node, planes + plane_reals + more.at);
+    more_block = more.place[ahead];
+  }
+  int material = t.blocks[block * TLED_BLOCK_INTS + BLOCK_MATERIAL],
+      node_set = t.blocks[block * TLED_BLOCK_INTS + BLOCK_NODE];
+  barrier(CLK_LOCAL_MEM_FENCE);
+  Face low, carried;  // between this plane's elements and those below: modes, forces
+  face_of(planes + own.at, row_reals, &low);
   for (int c = 0; c < 3; ++c)
-    for (int k = 0; k < 4; ++k) face[c][k] = carried[c][k] = R(0.0);
-  for (int plane = 0; plane <= n_planes; ++plane, place += plane_places) {
-    const int block = place[x / TLED_LANES], owned = i > 0 && j > 0 && plane > 0;
-    real on_face[3][4];
-    if (has_element(t.blocks, t.materials, block, lane)) {
-      real high[3][4], modes[3][8], forces[3][8];
-      if (!has_face) load_face_at(u, place, across, x, face);
-      load_face_at(u, place + plane_places, across, x, high);
-      for (int c = 0; c < 3; ++c)
-        for (int k = 0; k < 4; ++k) {
-          modes[c][k] = face[c][k] + high[c][k];
-          modes[c][4 + k] = high[c][k] - face[c][k];
-          face[c][k] = high[c][k];
-        }
-      has_face = 1;
-      modes_as_arrays(compute_element_modes(t, named_modes(modes), block, lane,
-                                            integrates && owned, physical),
-                      forces);
-      for (int c = 0; c < 3; ++c)
-        for (int k = 0; k < 4; ++k) {
-          on_face[c][k] = carried[c][k] + (forces[c][k] - forces[c][4 + k]);
-          carried[c][k] = forces[c][k] + forces[c][4 + k];
-        }
-    } else {
-      has_face = 0;
-      for (int c = 0; c < 3; ++c)
-        for (int k = 0; k < 4; ++k) {
-          on_face[c][k] = carried[c][k];
-          carried[c][k] = R(0.0);
-        }
+    carried.s[c] = carried.x[c] = carried.y[c] = carried.xy[c] = R(0.0);
+  for (int plane = 0; plane <= n_planes; ++plane) {
+    const int owned = i > 0 && j > 0 && plane > 0 && block < n_blocks;
+    // What the end of this plane and the planes to come need.
+    real coming[3], more_coming[3], before[3] = {R(0.0), R(0.0), R(0.0)},
+                                    inverse_mass[3] = {R(0.0), R(0.0), R(0.0)};
+    fetch_node(u, ahead_block, own.lane, coming);
+    if (brings_more) fetch_node(u, more_block, more.lane, more_coming);
+    ahead = min(ahead + plane_places, last);
+    const int far_block = own.place[ahead];
+    if (brings_more) more_block = more.place[ahead];
+    const int next_material = t.blocks[next_block * TLED_BLOCK_INTS + BLOCK_MATERIAL],
+              next_node_set = t.blocks[next_block * TLED_BLOCK_INTS + BLOCK_NODE];
+    if (owned) {
+      fetch_node(out, block, own.lane, before);
+      fetch_node(node_sets, node_set, own.lane, inverse_mass);
     }
+    __local real* above = planes + (1 - (plane & 1)) * plane_reals + own.at;
+    __local real* here = planes + (plane & 1) * plane_reals;
     __local real* mine = handed + ((plane & 1) * n_items + item) * TLED_TILE_HANDED;
-    real own[3];
-    for (int c = 0; c < 3; ++c) {
-      const real lower = on_face[c][0] - on_face[c][2], lower_x = on_face[c][1] - on_face[c][3];
-      const real upper = on_face[c][0] + on_face[c][2], upper_x = on_face[c][1] + on_face[c][3];
-      own[c] = lower - lower_x;
-      mine[c] = lower + lower_x;
-      mine[3 + c] = upper - upper_x;
-      mine[6 + c] = upper + upper_x;
+    Face high;
+    face_of(above, row_reals, &high);
+    real force[3];
+    if (material >= 0 &&
+        t.materials[(material * TLED_MATERIAL_ROWS + MATERIAL_PRESENT) * TLED_LANES + own.lane] >
+            R(0.0)) {
+      ElementForce e;
+      row_element(t, &low, &high, t.blocks + block * TLED_BLOCK_INTS, material, block, own.lane,
+                  integrates && owned, physical, cube, &e);
+      force[0] = hand_on(element_force_x(&e, &carried, physical), 0, mine);
+      force[1] = hand_on(element_force_y(&e, &carried, physical), 1, mine);
+      force[2] = hand_on(element_force_z(&e, &carried, physical), 2, mine);
+    } else {
+      for (int c = 0; c < 3; ++c) force[c] = hand_on(carried_only(&carried, c), c, mine);
     }
+    low = high;
+    for (int c = 0; c < 3; ++c) node[c] = here[own.at + c];
+    put_node(coming, here + own.at);
+    if (brings_more) put_node(more_coming, here + more.at);
     barrier(CLK_LOCAL_MEM_FENCE);
-    if (owned && block < n_blocks) {
+    if (owned) {
       __local const real* left = mine - TLED_TILE_HANDED;
       __local const real* below = mine - width * TLED_TILE_HANDED;
-      __local const real* before = below - TLED_TILE_HANDED;
-      const long at = (long)block * (3 * TLED_LANES) + lane;
-      __global const real* w =
-          node_sets + (long)t.blocks[(long)block * TLED_BLOCK_INTS + BLOCK_NODE] *
-                          (TLED_NODE_ROWS * TLED_LANES) + lane;
+      __local const real* before_it = below - TLED_TILE_HANDED;
+      const int at = block * (3 * TLED_LANES) + own.lane;
       for (int c = 0; c < 3; ++c) {
-        const real f = (own[c] + left[c]) + (below[3 + c] + before[6 + c]);
-        const long dof = at + c * TLED_LANES;
-        out[dof] = integrates ? next_displacement(u[dof], out[dof], w[c * TLED_LANES], t.step, f, c)
-                              : f;
+        const real f = (force[c] + left[c]) + (below[3 + c] + before_it[6 + c]);
+        out[at + c * TLED_LANES] =
+            integrates ? next_displacement(node[c], before[c], inverse_mass[c], t.step, f, c) : f;
       }
     }
+    block = next_block;
+    next_block = ahead_block;
+    ahead_block = far_block;
+    material = next_material;
+    node_set = next_node_set;
   }
 }
 
-// tiles, places: see layout.cl. handed: TLED_TILE_HANDED reals a work-item, twice. Work-group: a
-// tile of `width` elements in x and as many rows of them as fill it.
-#define TLED_TILE_KERNEL(name, physical)                                                           \
+// tiles, places: see layout.cl. handed: of each work-item twice TLED_TILE_HANDED reals, of each node of
+// a plane twice three. Work-group: a tile of `width` elements in x and as many rows of them as fill it.
+// cube: voxels with equal sides.
+#define TLED_TILE_KERNEL(name, physical, cube)                                                     \
   __kernel void name(                                                                              \
       __global const real* restrict u, __global real* restrict out,                                \
       __global const int* restrict tiles, __global const int* restrict places,                     \
@@ -144,8 +193,9 @@ INLINE void process_tile(ElementTables t, __global const real* u, __global real*
                              muscle_entries,   muscle_sets,  muscle_constants,                     \
                              shape,            step_table + step_index * step_reals};              \
     process_tile(t, u, out, tiles, places, node_sets, handed, n_blocks, width, integrates,         \
-                 physical);                                                                        \
+                 physical, cube);                                                                  \
   }
 
-TLED_TILE_KERNEL(step_tile_physical, 1)
-TLED_TILE_KERNEL(step_tile_kappa, 0)
+TLED_TILE_KERNEL(step_tile_physical, 1, 0)
+TLED_TILE_KERNEL(step_tile_cubes, 1, 1)
+TLED_TILE_KERNEL(step_tile_kappa, 0, 0)

@@ -112,11 +112,12 @@ std::vector<Tile> band(const SolverArrays& arrays, const Rows& rows,
 }  // namespace
 
 int tile_depth(const SolverArrays& arrays, const TileShape& shape, std::size_t n_items) {
-  if (shape.width < 2 || shape.rows < 2 || shape.depth < 0 || shape.width > kMostElements ||
-      shape.rows > kMostElements)
+  // Work-items that bring the nodes of the last column and row are among those of the elements.
+  if (shape.width < 2 || shape.rows < 2 || shape.width + shape.rows < 5 || shape.depth < 0 ||
+      shape.width > kMostElements || shape.rows > kMostElements)
     throw InputError("tile: got " + std::to_string(shape.width) + " x " +
                      std::to_string(shape.rows) + " elements and " + std::to_string(shape.depth) +
-                     " planes; allowed are 2 x 2 to " + std::to_string(kMostElements) + " x " +
+                     " planes; allowed are 2 x 3 or 3 x 2 to " + std::to_string(kMostElements) + " x " +
                      std::to_string(kMostElements) + ", and 0 (chosen) or more");
   if (shape.depth) return shape.depth;
   const std::size_t n_tiles =

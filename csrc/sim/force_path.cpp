@@ -22,13 +22,6 @@ constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kRowsSliding = 22, kNodes
 // Work-items a group of the gather kernels: four blocks of 16 lanes.
 constexpr std::size_t kGroup = 64;
 
-// Voxels with equal sides, which most models have, need fewer operations.
-std::string step_form(const SolverArrays& arrays, const ForcePathOptions& options) {
-  const double* side = &arrays.shape[SHAPE_GRADIENT];
-  const bool cubes = side[0] == side[1] && side[1] == side[2];
-  return options.hourglass == HourglassForm::kPhysical && cubes ? "cubes" : form_of(options);
-}
-
 class RowsPath final : public ForcePath {
  public:
   RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,

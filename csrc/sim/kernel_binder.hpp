@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "backend/device.hpp"
+#include "precompute/layout.hpp"
 #include "sim/force_path.hpp"
 
 namespace tledface {
@@ -44,6 +45,13 @@ class Binder {
 
 inline std::string form_of(const ForcePathOptions& options) {
   return options.hourglass == HourglassForm::kPhysical ? "physical" : "kappa";
+}
+
+// Voxels with equal sides, which most models have, need fewer operations.
+inline std::string step_form(const SolverArrays& arrays, const ForcePathOptions& options) {
+  const double* side = &arrays.shape[SHAPE_GRADIENT];
+  const bool cubes = side[0] == side[1] && side[1] == side[2];
+  return options.hourglass == HourglassForm::kPhysical && cubes ? "cubes" : form_of(options);
 }
 
 }  // namespace tledface

@@ -22,11 +22,13 @@ class TilePath final : public ForcePath {
            const ForcePathOptions& options)
       : u_{b.u[0], b.u[1]}, group_(std::size_t(options.tile.width) * options.tile.rows) {
     const DeviceInfo& info = device.info();
-    const std::string name = "step_tile_" + form_of(options);
+    const std::string name = "step_tile_" + step_form(arrays, options);
     TileShape shape = options.tile;
     shape.depth = tile_depth(arrays, shape, kItemsPerUnit * std::max(1u, info.compute_units));
     const std::size_t largest = binder.make(name, {}, {})->largest_group(),
-                      local = 2 * group_ * TLED_TILE_HANDED * real_size(options.precision);
+                      nodes = std::size_t(shape.width + 1) * (shape.rows + 1),
+                      local = 2 * (group_ * TLED_TILE_HANDED + 3 * nodes) *
+                              real_size(options.precision);
     if (group_ > largest || local > info.local_bytes)
       throw InputError("tile: " + std::to_string(shape.width) + " x " + std::to_string(shape.rows) +
                        " needs work-groups of " + std::to_string(group_) + " with " +
