@@ -133,9 +133,12 @@ passed=()
 if ((tests)); then
   echo "gpu.sh: tests on every executor, then physics against theory on this one"
   export TLEDFACE_REQUIRE_OPENCL=1
+  # Kernels are compiled for each test: side by side where pytest-xdist is there.
+  side_by_side=()
+  if "$python" -c 'import xdist' 2> /dev/null; then side_by_side=(-n auto -p no:benchmark); fi
   for suite in "tests/device" "tests/verification -k $id"; do
     # shellcheck disable=SC2086
-    if ! "$python" -m pytest -q -p no:cacheprovider $suite | tee "$scratch/tests"; then
+    if ! "$python" -m pytest -q -p no:cacheprovider "${side_by_side[@]}" $suite | tee "$scratch/tests"; then
       echo "gpu.sh: the tests above failed on $name; nothing was timed" >&2
       exit 1
     fi

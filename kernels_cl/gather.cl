@@ -105,17 +105,18 @@ __kernel void integrate_nodes(__global const real* restrict u, __global real* re
                               int step_index, int step_reals) {
   const int block = (int)(get_global_id(0) / TLED_LANES), lane = (int)(get_global_id(0) % TLED_LANES);
   if (block >= n_blocks) return;
-  __global const real* step = step_table + step_index * step_reals;
+  NodeMotion motion;
+  set_motion(step_table + step_index * step_reals, &motion);
   __global const real* w =
       node_sets + (long)blocks[(long)block * TLED_BLOCK_INTS + BLOCK_NODE] *
                       (TLED_NODE_ROWS * TLED_LANES) + lane;
   const Vec f = gather_force(element_forces, blocks, block, lane);
   const long at = (long)block * (3 * TLED_LANES) + lane;
-  u_prev[at] = next_displacement(u[at], u_prev[at], w[0], step, f.x, 0);
+  u_prev[at] = next_displacement(u[at], u_prev[at], w[0], &motion, f.x, 0);
   u_prev[at + TLED_LANES] = next_displacement(u[at + TLED_LANES], u_prev[at + TLED_LANES],
-                                              w[TLED_LANES], step, f.y, 1);
+                                              w[TLED_LANES], &motion, f.y, 1);
   u_prev[at + 2 * TLED_LANES] = next_displacement(
-      u[at + 2 * TLED_LANES], u_prev[at + 2 * TLED_LANES], w[2 * TLED_LANES], step, f.z, 2);
+      u[at + 2 * TLED_LANES], u_prev[at + 2 * TLED_LANES], w[2 * TLED_LANES], &motion, f.z, 2);
 }
 
 // Work-item: a node. f: internal force, N.

@@ -234,18 +234,19 @@ __kernel void hex_integrate_nodes(__global const real* restrict u, __global real
   const int slot = (int)get_global_id(0);
   if (slot >= n_slots) return;
   const int block = slot / TLED_LANES, lane = slot % TLED_LANES;
-  __global const real* step = step_table + step_index * step_reals;
+  NodeMotion motion;
+  set_motion(step_table + step_index * step_reals, &motion);
   __global const real* w =
       node_sets + (long)blocks[(long)block * TLED_BLOCK_INTS + BLOCK_NODE] *
                       (TLED_NODE_ROWS * TLED_LANES) + lane;
   real fx, fy, fz;
   hex_gather(element_forces, begin, places, slot, &fx, &fy, &fz);
   const long at = (long)block * (3 * TLED_LANES) + lane;
-  u_prev[at] = next_displacement(u[at], u_prev[at], w[0], step, fx, 0);
+  u_prev[at] = next_displacement(u[at], u_prev[at], w[0], &motion, fx, 0);
   u_prev[at + TLED_LANES] = next_displacement(u[at + TLED_LANES], u_prev[at + TLED_LANES],
-                                              w[TLED_LANES], step, fy, 1);
+                                              w[TLED_LANES], &motion, fy, 1);
   u_prev[at + 2 * TLED_LANES] = next_displacement(
-      u[at + 2 * TLED_LANES], u_prev[at + 2 * TLED_LANES], w[2 * TLED_LANES], step, fz, 2);
+      u[at + 2 * TLED_LANES], u_prev[at + 2 * TLED_LANES], w[2 * TLED_LANES], &motion, fz, 2);
 }
 
 // Work-item: a node. f: internal force, N.

@@ -113,8 +113,11 @@ INLINE void process_tile(ElementTables t, __global const real* u, __global real*
   barrier(CLK_LOCAL_MEM_FENCE);
   Face low, carried;  // between this plane's elements and those below: modes, forces
   face_of(planes + own.at, row_reals, &low);
+  barrier(CLK_LOCAL_MEM_FENCE);  // the first plane's buffer is written again
   for (int c = 0; c < 3; ++c)
     carried.s[c] = carried.x[c] = carried.y[c] = carried.xy[c] = R(0.0);
+  NodeMotion motion;
+  set_motion(t.step, &motion);
   for (int plane = 0; plane <= n_planes; ++plane) {
     const int owned = i > 0 && j > 0 && plane > 0 && block < n_blocks;
     // What the end of this plane and the planes to come need.
@@ -162,7 +165,7 @@ INLINE void process_tile(ElementTables t, __global const real* u, __global real*
       for (int c = 0; c < 3; ++c) {
         const real f = (force[c] + left[c]) + (below[3 + c] + before_it[6 + c]);
         out[at + c * TLED_LANES] =
-            integrates ? next_displacement(node[c], before[c], inverse_mass[c], t.step, f, c) : f;
+            integrates ? next_displacement(node[c], before[c], inverse_mass[c], &motion, f, c) : f;
       }
     }
     block = next_block;

@@ -124,7 +124,7 @@ def test_shape_of_tiles_does_not_change_a_bit(opencl, precision):
 def test_tiles_too_large_for_the_device_are_refused(opencl):
     for tile, words in (
         ((4096, 4096, 0), "needs work-groups of 16777216"),
-        ((1, 8, 0), "got 1 x 8 elements and 0 planes; allowed are 2 x 2"),
+        ((1, 8, 0), "got 1 x 8 elements and 0 planes; allowed are 2 x 3"),
         ((16, 8, -1), "got 16 x 8 elements and -1 planes"),
     ):
         with pytest.raises(tf.InputError, match=words):
@@ -133,16 +133,23 @@ def test_tiles_too_large_for_the_device_are_refused(opencl):
 
 def test_steps_are_enqueued_without_waiting(opencl):
     """The host fills the tables of batches to come while the device computes."""
-    model = tf.Model.block(cells=(32, 32, 16), size=(0.032, 0.032, 0.016), material=soft())
-    core = core_of(model, opencl, precision="single", kernels="tile")
     none = np.zeros((3 * 256, 0))
-    core.step(8, none[:8])
-    core.finish()
-    begin = time.perf_counter()
-    core.step(len(none), none)
-    enqueued = time.perf_counter() - begin
-    core.finish()
-    whole = time.perf_counter() - begin
+
+    def enqueued_and_whole(*cells):
+        size = [1e-3 * n for n in cells]
+        model = tf.Model.block(cells=cells, size=size, material=soft())
+        core = core_of(model, opencl, precision="single", kernels="tile")
+        core.step(8, none[:8])
+        core.finish()
+        begin = time.perf_counter()
+        core.step(len(none), none)
+        enqueued = time.perf_counter() - begin
+        core.finish()
+        return enqueued, time.perf_counter() - begin
+
+    enqueued, whole = enqueued_and_whole(32, 32, 16)
+    if enqueued > 0.5 * whole:  # a GPU takes a step of so small a body in less time than a launch
+        enqueued, whole = enqueued_and_whole(192, 192, 48)
     assert enqueued < 0.5 * whole, f"{enqueued:.3f} s of {whole:.3f} s"
 
 

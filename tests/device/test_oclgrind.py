@@ -87,21 +87,35 @@ def test_no_race_and_no_invalid_access(oclgrind, tmp_path, kernels, precision, h
     assert complaints(oclgrind, tmp_path / "log", kernels, precision, hourglass, laws) == ""
 
 
+BARRIER_OF_PLANES = "barrier(CLK_LOCAL_MEM_FENCE);\n    if (owned)"
+BARRIER_OF_FIRST = "barrier(CLK_LOCAL_MEM_FENCE);  // the first plane's buffer is written again"
+
+
 @pytest.mark.parametrize(
     ("file", "text", "instead", "what"),
     [
-        ("tile.cl", "barrier(CLK_LOCAL_MEM_FENCE);", "", "data race at local memory"),
+        ("tile.cl", BARRIER_OF_PLANES, "if (owned)", "data race at local memory"),
+        ("tile.cl", BARRIER_OF_FIRST, "", "data race at local memory"),
+        ("tile.cl", "(plane & 1) * plane_reals;", "0 * plane_reals;", "data race at local memory"),
         ("tile.cl", "(plane & 1) * n_items", "0 * n_items", "data race at local memory"),
         (
             "tile.cl",
-            "owned && block < n_blocks",
-            "block < n_blocks",
+            "i > 0 && j > 0 && plane > 0",
+            "plane > 0",
             "Invalid read of size 4 at local",
         ),
         ("tile.cl", "i > 0 && j > 0 && plane > 0", "i > 0 && j > 0", "data race at global memory"),
         ("device_checks.cl", "if (item >= n_left) return;", "", "data race at global memory"),
     ],
-    ids=["no barrier", "one buffer", "nodes of the halo", "nodes of the tile below", "a look"],
+    ids=[
+        "no barrier",
+        "no barrier before the first plane",
+        "one buffer of displacements",
+        "one buffer",
+        "nodes of the halo",
+        "nodes of the tile below",
+        "a look",
+    ],
 )
 def test_what_is_wrong_is_seen(oclgrind, tmp_path, file, text, instead, what):
     """The checks above can fail: each of these mistakes is reported."""
@@ -126,7 +140,7 @@ def test_a_gpu_chooses_its_kernels(oclgrind, tmp_path):
     assert kind == "gpu" and at_rest == "True"
     (entry,) = json.loads(cache.read_text()).values()
     assert entry["chosen"].startswith(kernels)
-    assert set(entry["ms_per_step"]) == {"gather", "tile 16x8", "tile 16x16"}
+    assert set(entry["ms_per_step"]) == {"gather", "tile 16x8", "tile 32x8", "tile 16x16"}
     for other in ("gather", "tile 16x8"):
         entry["chosen"] = other
         cache.write_text(json.dumps({key: entry for key in json.loads(cache.read_text())}))

@@ -1,5 +1,6 @@
 """What a look finds on the device, against formulas of its own in float64, on every executor."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -346,8 +347,8 @@ def test_threads_do_not_change_a_bit():
     said = {
         subprocess.run(
             [sys.executable, "-c", THREADS],
-            env={"PYTHONPATH": str(Path(__file__).parent), "PYTHONHASHSEED": "0",
-                 "TLEDFACE_NUM_THREADS": str(n)},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]),
+                 "PYTHONHASHSEED": "0", "TLEDFACE_NUM_THREADS": str(n)},
             capture_output=True, text=True, check=True, timeout=120,
         ).stdout
         for n in (1, 2, 5)
