@@ -1,4 +1,4 @@
-// One element of a row (rows.cl), in an order that keeps few values in registers: the same
+// One element of a row (rows.cl) or of a tile (tile.cl), in an order that keeps few values in registers: the same
 // arithmetic as compute_element_modes of element.cl, but the pulled-back modes first, then the
 // moments, the pushed-forward forces, and at the end the stress row by row of P, each used up at
 // once. Sixteen vector registers hold each of these parts; the whole they do not.
@@ -58,18 +58,20 @@ INLINE Vec mode_xyz(const Face* low, const Face* high) {
   return s;
 }
 
+#if TLED_VECTOR_ROWS
 // What the laws of a block's entries give, from its faces, so that the fused loop keeps no room for
 // it; column d times V/(4 h_d). The volumetric part is left out: it is in along_cof.
 OUT_OF_LINE void laws_of_row(const ElementTables* t, const Face* low, const Face* high, int block,
-                             int lane, int store, Tensor* own) {
+                             int store, Tensor* own) {
   __global const int* links = t->blocks + (long)block * TLED_BLOCK_INTS;
   __global const real* parameters =
-      t->materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES) + lane;
+      t->materials + (long)links[BLOCK_MATERIAL] * (TLED_MATERIAL_ROWS * TLED_LANES);
   const Kinematics k = kinematics(
       deformation_gradient(linear_modes(low, high), voxel_gradient(t->shape, 0)), parameters);
-  stress_of_laws(t, &k, parameters, links, lane, store, own);
+  stress_of_laws(t, &k, parameters, links, 0, store, own);
   scale_columns(own, t->shape);
 }
+#endif
 
 // material: the block's row set; lane: this work-item's, 0 where it does all.
 INLINE void row_element(ElementTables t, const Face* low, const Face* high,
@@ -103,9 +105,15 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
     if (has_laws) {
       // Copies, so that only they need an address.
       const ElementTables tables = t;
-      const Face below = *low, above = *high;
       Tensor laws;
-      laws_of_row(&tables, &below, &above, block, lane, store, &laws);
+#if TLED_VECTOR_ROWS
+      const Face below = *low, above = *high;
+      laws_of_row(&tables, &below, &above, block, store, &laws);
+#else
+      const Kinematics copy = k;
+      stress_of_laws(&tables, &copy, parameters, links, lane, store, &laws);
+      scale_columns(&laws, t.shape);
+#endif
       own = laws;
     }
     add_muscles(t, k.F, k.J, links, lane, &own);
