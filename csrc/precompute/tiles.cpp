@@ -12,6 +12,8 @@ namespace {
 
 // Along an edge; a work-group has a thousand or so.
 constexpr int kMostElements = 4096;
+// Neighbours along x that stand in one sector of memory, float32; more is as well aligned.
+constexpr int kSector = 8;
 // The plane below a tile is computed twice, so none is lower than it must be; higher is not worth
 // more.
 constexpr std::size_t kLeastDepth = 2, kMostDepth = 64;
@@ -81,6 +83,8 @@ std::vector<Tile> band(const SolverArrays& arrays, const Rows& rows,
       ++x;
       continue;
     }
+    // Whole sectors of memory, where a tile's columns are.
+    if (width % kSector == 0) x -= x % kSector;
     planes.clear();
     for (std::int32_t chunk = x / lanes; chunk <= (x + width - 1) / lanes; ++chunk) {
       std::uint32_t within = 0;
