@@ -214,9 +214,13 @@ INLINE int borders_beside(const Foot* foot, __global const real* other, Border* 
   for (int corner = 0; corner < 3; ++corner) {
     const Point v = point_at(other + 3 * corner);
     if (same(v, foot->on)) continue;
-    Border* border = count++ ? two : one;
-    border->outward = unit_of(minus(v, foot->on));
-    border->distance = -inner(border->outward, minus(foot->p, foot->on));
+    Border border;
+    border.outward = unit_of(minus(v, foot->on));
+    border.distance = -inner(border.outward, minus(foot->p, foot->on));
+    if (count++)
+      *two = border;
+    else
+      *one = border;
   }
   return 2;
 }
@@ -405,15 +409,38 @@ INLINE real left_in_region(__global const real* record, Point u) {
   return left;
 }
 
+// A state that has run away is for the watch to report, not to be sought for.
+INLINE int is_lost(Point p) { return !(inner(p, p) < LOST * LOST); }
+
+// What is known of a node at displacement u, at p, after a look: its zone before and now and how far that
+// holds, of `now` >= 0 to its border `nearest`, and the ball in it.
+INLINE void write_look(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int before,
+                       int now, int nearest, real left, real ball) {
+  __global real* record = node->record;
+  if (now != before) *node->zone = now;
+  Point middle = u;
+  if (now >= 0) {
+    __global const real* border =
+        s->zones + (long)now * ZONE_UNIT + ZONE_BORDER + nearest * ZONE_BORDER_REALS;
+    middle = plus_scaled(u, left - ball, point_at(border));
+    // A little less, for rounding.
+    left = R(0.99999) * ball - FLAT * square_root_of(inner(p, p));
+    for (int k = 0; k < 4; ++k) record[RECORD_EXIT + k] = border[k];
+    record[RECORD_NEXT] = border[4];
+  } else {
+    record[RECORD_NEXT] = R(-1.0);
+  }
+  const real values[4] = {middle.x, middle.y, middle.z, left > R(0.0) ? left : R(0.0)};
+  for (int k = 0; k < 4; ++k) node->rows[(SLIDE_SEEN + k) * TLED_LANES] = values[k];
+}
+
 // Looks at a node at displacement u that may have left its zone or region. The result says whether
 // it is on an edge or corner.
 OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Point u) {
   __global real* record = node->record;
   const Point X = point_at(record + RECORD_PLACE);
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
-  // A state that has run away is for the watch to report, not to be sought for.
-  const real square = inner(p, p);
-  if (!(square < LOST * LOST)) return 0;
+  if (is_lost(p)) return 0;
   const int before = *node->zone;
   real left = R(0.0);
   int nearest = 0, now = zone_of(s, before, p, node->free, &left, &nearest), round;
@@ -427,21 +454,8 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
     round = node->row_shape >> (node->lane + 1) & 1;
     if (!(left > R(0.0))) round = find_surface(s, node, u, p, &now, &left, &nearest);
   }
-  if (now != before) *node->zone = now;
-  Point middle = u;
-  if (now >= 0) {
-    __global const real* in = s->zones + (long)now * ZONE_UNIT;
-    __global const real* border = in + ZONE_BORDER + nearest * ZONE_BORDER_REALS;
-    const real ball = ball_in_zone(in, p, nearest, left);
-    middle = plus_scaled(u, left - ball, point_at(border));
-    // A little less, for rounding.
-    left = R(0.99999) * ball - FLAT * square_root_of(square);
-    for (int k = 0; k < 4; ++k) record[RECORD_EXIT + k] = border[k];
-    record[RECORD_NEXT] = border[4];
-  } else {
-    record[RECORD_NEXT] = R(-1.0);
-  }
-  const real values[4] = {middle.x, middle.y, middle.z, left > R(0.0) ? left : R(0.0)};
-  for (int k = 0; k < 4; ++k) node->rows[(SLIDE_SEEN + k) * TLED_LANES] = values[k];
+  const real ball =
+      now >= 0 ? ball_in_zone(s->zones + (long)now * ZONE_UNIT, p, nearest, left) : R(0.0);
+  write_look(s, node, u, p, before, now, nearest, left, ball);
   return round;
 }
