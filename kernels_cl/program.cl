@@ -30,6 +30,9 @@
 #include "sliding_rows.cl"
 #include "rows.cl"
 #else
+#include "sliding_still.cl"
+#include "sliding_seek.cl"
+#include "sliding_queue.cl"
 #include "corner_modes.cl"
 #include "gather.cl"
 #include "tile.cl"

@@ -143,6 +143,26 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
 }
 #endif
 
+// A lane of a row; `surface`: its SLIDE_SURFACE.
+INLINE SlideNode node_of(const SlideRow* row, int lane, int surface) {
+  const SlideNode node = {surface >> 3,
+                          // Held components are looked after by whoever turns the way back, where the
+                          // surface may turn.
+                          row->moves ? 7 : surface & 7,
+                          *row->shape,
+                          lane,
+                          row->rows + lane,
+                          row->regions + lane,
+                          row->records + lane * RECORD_REALS,
+                          row->ints + SLIDE_ZONE * TLED_LANES + lane,
+                          row->candidates + lane * SLIDE_CANDIDATES,
+                          row->candidate_reals + lane * SLIDE_CANDIDATE_REALS};
+  return node;
+}
+INLINE int shape_with(int shape, int lane, int round) {
+  return (shape & ~(2 << lane)) | round << (lane + 1);
+}
+
 // Levels 1 to 4: afterwards the row's surfaces are those of the places `seen` of u.
 INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
                           __global const real* u) {
@@ -152,25 +172,12 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
     if (!(left >> (lane - row->first) & 1)) continue;
     const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
     if (surface < 0) continue;
-    __global real* mine = row->rows + lane;
-    __global real* record = row->records + lane * RECORD_REALS;
+    const SlideNode node = node_of(row, lane, surface);
     __global const real* at = u + row->dof + (lane - row->first);
     Point v = {at[0], at[TLED_LANES], at[2 * TLED_LANES]};
-    if (row->moves) v = seen_from(row->pose, point_at(record + RECORD_PLACE), v);
-    const SlideNode node = {surface >> 3,
-                            // Held components are looked after by whoever turns the way back, where the
-                            // surface may turn.
-                            row->moves ? 7 : surface & 7,
-                            *row->shape,
-                            lane,
-                            mine,
-                            row->regions + lane,
-                            record,
-                            row->ints + SLIDE_ZONE * TLED_LANES + lane,
-                            row->candidates + lane * SLIDE_CANDIDATES,
-                            row->candidate_reals + lane * SLIDE_CANDIDATE_REALS};
+    if (row->moves) v = seen_from(row->pose, point_at(node.record + RECORD_PLACE), v);
     const int round = look_at_node(s, &node, v);
-    *row->shape = (*row->shape & ~(2 << lane)) | round << (lane + 1);
+    *row->shape = shape_with(*row->shape, lane, round);
   }
 }
 
@@ -226,9 +233,7 @@ INLINE void slide_row(const SlideRow* row, const SlideSurfaces* s, __global real
       u.x -= share * may.x * rubbed.x;
       u.y -= share * may.y * rubbed.y;
       u.z -= share * may.z * rubbed.z;
-      store_lanes(u.x, u_next + dof);
-      store_lanes(u.y, u_next + dof + TLED_LANES);
-      store_lanes(u.z, u_next + dof + 2 * TLED_LANES);
+      store_points(u, u_next + dof);
       seen = lanes_seen(row, u);
       find_surfaces(row, s, seen, u_next);
       way = way_back(lanes, region, *row->shape, seen);
@@ -244,7 +249,7 @@ INLINE void slide_row(const SlideRow* row, const SlideSurfaces* s, __global real
       way.back.z = scale * free.z;
     }
   }
-  put_back(way, u, u_next + dof);
+  store_points(moved_back(way, u), u_next + dof);
   if (keep_ways) keep_way(way, region);
 }
 

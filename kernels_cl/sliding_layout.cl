@@ -42,6 +42,10 @@
 #define SLIDE_ZONE 2     // where it was last; -1: in none, the region is its own
 #define SLIDE_SURFACE 3  // 8 times the surface and bits: 1 x may move, 2 y, 4 z; -1: no node here
 
+// slide_queue, where rows are no vectors: how many nodes wait for a look in a step to the first of the two
+// displacement buffers and in one to the second, then their places, row of nodes * TLED_LANES + lane.
+#define SLIDE_WAITING 2
+
 // slide_laws[(row of nodes * SLIDE_LAWS + k) * TLED_LANES + lane], where surfaces move, rub or let go
 #define SLIDE_LAWS 5
 #define SLIDE_FRICTION 0  // coefficient

@@ -56,8 +56,14 @@ INLINE WayBack way_back(__global const real* lanes, __global const real* region,
   return way;
 }
 
-INLINE void put_back(WayBack way, Points u, __global real* nodes) {
-  store_lanes(u.x + way.off * way.back.x, nodes);
-  store_lanes(u.y + way.off * way.back.y, nodes + TLED_LANES);
-  store_lanes(u.z + way.off * way.back.z, nodes + 2 * TLED_LANES);
+INLINE Points moved_back(WayBack way, Points u) {
+  u.x = u.x + way.off * way.back.x;
+  u.y = u.y + way.off * way.back.y;
+  u.z = u.z + way.off * way.back.z;
+  return u;
+}
+INLINE void store_points(Points u, __global real* nodes) {
+  store_lanes(u.x, nodes);
+  store_lanes(u.y, nodes + TLED_LANES);
+  store_lanes(u.z, nodes + 2 * TLED_LANES);
 }

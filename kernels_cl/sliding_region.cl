@@ -12,36 +12,45 @@
 
 // Where a closest point is known to stay on its face, edge or corner: within `ball` of the node, but
 // not past borders that are `within` of it in the directions `outward`, the nearest first.
+#define NO_BORDER R(1e30)
 typedef struct {
   real ball;
-  int n_borders;
-  real within[REGION_MOST_BORDERS];
+  real within[REGION_MOST_BORDERS];  // NO_BORDER: none
   Point outward[REGION_MOST_BORDERS];
 } Region;
 
+INLINE Region ball_of(real radius) {
+  const Point nowhere = {R(0.0), R(0.0), R(0.0)};
+  Region region;
+  region.ball = radius;
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    region.within[k] = NO_BORDER;
+    region.outward[k] = nowhere;
+  }
+  return region;
+}
 INLINE void hold_within(Region* region, real distance) {
   region->ball = distance < region->ball ? distance : region->ball;
 }
-// A border: the nearest are kept, the others shrink the ball.
+// A border: the nearest are kept, the others shrink the ball. Each goes through all places, so that none
+// is looked up by a number and registers hold them.
 INLINE void hold_before(Region* region, real distance, Point outward) {
   if (distance >= region->ball) return;
-  int at = region->n_borders;
-  if (at == REGION_MOST_BORDERS) {
-    --at;
-    if (distance >= region->within[at]) {
-      hold_within(region, distance);
-      return;
-    }
-    hold_within(region, region->within[at]);
-  } else {
-    ++region->n_borders;
+  int found = 0;
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    const real within = region->within[k];
+    const Point other = region->outward[k];
+    found |= distance < within;
+    region->within[k] = found ? distance : within;
+    region->outward[k].x = found ? outward.x : other.x;
+    region->outward[k].y = found ? outward.y : other.y;
+    region->outward[k].z = found ? outward.z : other.z;
+    distance = found ? within : distance;
+    outward.x = found ? other.x : outward.x;
+    outward.y = found ? other.y : outward.y;
+    outward.z = found ? other.z : outward.z;
   }
-  for (; at > 0 && region->within[at - 1] > distance; --at) {
-    region->within[at] = region->within[at - 1];
-    region->outward[at] = region->outward[at - 1];
-  }
-  region->within[at] = distance;
-  region->outward[at] = outward;
+  hold_within(region, distance);
 }
 
 INLINE int same(Point a, Point b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
@@ -102,6 +111,212 @@ typedef struct {
   __global real* candidate_reals;
 } SlideNode;
 
+// A candidate is at least as far as it was, less the way since. Candidates are in the order of how far
+// they were, so that none behind one that is beyond is nearer either; a little farther, for rounding.
+INLINE real least_distance(real was, real moved) { return R(0.9999) * was - moved; }
+
+// Number of the zone of a triangle's part.
+INLINE int zone_of_part(const SlideSurfaces* s, const SlideNode* node, int face, int feature) {
+  const int behind = node->record[RECORD_DISTANCE] < R(0.0);
+  const int part = (behind ? TRIANGLE_ZONES / 2 : 0) + feature;
+  return s->triangle_zones[(long)face * TRIANGLE_ZONES + part];
+}
+
+// What is nearest to a place p, at a distance: a face, edge or corner of a triangle.
+typedef struct {
+  __global const real* triangle;
+  int feature;
+  Point p, normal, first;  // of the triangle: its normal, a corner
+  real distance, side;
+  // As SlideShape has them; and the edge's other end.
+  real round;
+  Point n, on, axis, far_end;
+  real flat;  // what rounding may lift a corner of a flat neighbour off the plane
+} Foot;
+
+// The foot, and the region without other triangles; `ball` holds the candidates.
+INLINE Foot foot_of(__global const real* triangle, Nearest best, Point p, real distance, int free,
+                    real ball, Region* region) {
+  const Point away = minus(p, best.at);
+  Foot foot;
+  foot.triangle = triangle;
+  foot.feature = best.feature;
+  foot.p = p;
+  foot.distance = distance;
+  foot.first = point_at(triangle);
+  foot.normal = point_at(triangle + TRIANGLE_NORMAL);
+  const real size = square_root_of(inner(minus(point_at(triangle + 3), foot.first),
+                                         minus(point_at(triangle + 3), foot.first)));
+  foot.flat = FLAT * square_root_of(inner(p, p)) + FLAT * size;
+  *region = ball_of(ball);
+  foot.n = foot.normal;
+  foot.on = foot.far_end = foot.first;
+  const Point nowhere = {R(0.0), R(0.0), R(0.0)};
+  foot.axis = nowhere;
+  foot.round = R(0.0);
+  if (best.feature == 0) {
+    foot.side = inner(away, foot.normal) < R(0.0) ? R(-1.0) : R(1.0);
+    hold_over_face(region, triangle, p);
+    return foot;
+  }
+  const Point pseudo =
+      point_at(triangle + (best.feature < 4 ? TRIANGLE_EDGES + 3 * (best.feature - 1)
+                                            : TRIANGLE_VERTICES + 3 * (best.feature - 4)));
+  foot.side = inner(away, pseudo) < R(0.0) ? R(-1.0) : R(1.0);
+  // Within rounding of the surface the way to it has no direction: the pseudonormal has.
+  const int has_way = distance > R(1e-6) * size;
+  foot.n = has_way ? times(foot.side / distance, away) : pseudo;
+  foot.on = best.at;
+  // Held components, and no way: a plane for this step alone.
+  if (free != 7 || !has_way) {
+    region->ball = R(0.0);
+    return foot;
+  }
+  foot.round = foot.side;
+  hold_within(region, distance);
+  if (best.feature > 3) {
+    foot.on = point_at(triangle + 3 * (best.feature - 4));
+    return foot;
+  }
+  Point on = point_at(triangle + 3 * (best.feature - 1)),
+        far_end = point_at(triangle + 3 * (best.feature % 3));
+  // The same end whichever of its two triangles the edge was found by.
+  if (on.x > far_end.x ||
+      (on.x == far_end.x && (on.y > far_end.y || (on.y == far_end.y && on.z > far_end.z)))) {
+    const Point swap = on;
+    on = far_end;
+    far_end = swap;
+  }
+  foot.on = on;
+  foot.far_end = far_end;
+  const Point along = minus(far_end, on);
+  foot.axis = unit_of(along);
+  const real at = inner(foot.axis, minus(p, on));
+  hold_before(region, at, times(R(-1.0), foot.axis));
+  hold_before(region, square_root_of(inner(along, along)) - at, foot.axis);
+  return foot;
+}
+
+// Borders that a triangle beside the foot's edge or about its corner adds: how many. What lies behind both
+// triangles beside an edge is never nearer than the edge.
+typedef struct {
+  real distance;
+  Point outward;
+} Border;
+INLINE int borders_beside(const Foot* foot, __global const real* other, Border* one, Border* two) {
+  if (foot->feature < 4) {
+    if (!beside_edge(other, foot->on, foot->far_end, foot->axis, &one->outward)) return 0;
+    one->distance = -inner(one->outward, minus(foot->p, foot->on));
+    return 1;
+  }
+  if (!is_corner(other, foot->on)) return 0;
+  int count = 0;
+  for (int corner = 0; corner < 3; ++corner) {
+    const Point v = point_at(other + 3 * corner);
+    if (same(v, foot->on)) continue;
+    Border border;
+    border.outward = unit_of(minus(v, foot->on));
+    border.distance = -inner(border.outward, minus(foot->p, foot->on));
+    if (count++)
+      *two = border;
+    else
+      *one = border;
+  }
+  return 2;
+}
+
+// How far a foot is the nearest at least, with another triangle at distance `there`.
+INLINE real held_by_distance(const Foot* foot, real there) {
+  return R(0.49) * (there - foot->distance);
+}
+
+// What holds with a triangle that is neither the foot's nor beside it, at distance `there`, whose closest
+// point is `at` (asked for where the foot is a face): a ball of no less than `hold`, or before a border,
+// which is no nearer than that. beside: the triangles beside an edge; 0: they are not known to be two.
+typedef struct {
+  int is_border;
+  real distance;
+  Point outward;
+} Held;
+INLINE Held held_by(const Foot* foot, __global const real* other, real there, Point at, real hold,
+                    __global const real* beside0, __global const real* beside1) {
+  Held held = {0, hold, {R(0.0), R(0.0), R(0.0)}};
+  if (foot->feature == 0) {
+    const Point up = times(foot->side, foot->normal);
+    const Point off = minus(foot->p, at);
+    // The plane at the other's closest point, across the way to it, has the other behind it: while
+    // the node is higher over that plane than over this triangle's.
+    Point tilt = minus(there > R(0.0) ? times(R(1.0) / there, off) : up, up);
+    real slope = square_root_of(inner(tilt, tilt)), lead = there - foot->distance;
+    if (height_over(other, foot->triangle, up, foot->first) <= foot->flat) {
+      // Behind this one's plane: never nearer than that, as long as the node stays before it, or
+      // is less deep behind this one's plane than behind the other's.
+      const Point facing = times(foot->side, point_at(other + TRIANGLE_NORMAL)),
+                  turn = minus(up, facing);
+      const real ahead =
+          inner(up, minus(foot->p, foot->first)) - inner(facing, minus(foot->p, point_at(other)));
+      const real bend = square_root_of(inner(turn, turn));
+      held.distance = foot->distance > hold ? foot->distance : hold;
+      if (bend > R(1e-3) && ahead * slope > lead * bend) {
+        tilt = turn;
+        slope = bend;
+        lead = ahead;
+      }
+    }
+    slope = slope > R(1e-6) ? slope : R(1e-6);
+    if (lead > held.distance * slope) {
+      held.is_border = 1;
+      held.distance = lead / slope;
+      held.outward = times(R(-1.0) / slope, tilt);
+    }
+  } else if (foot->feature < 4 && beside0 && foot->round > R(0.0)) {
+    const Point n0 = point_at(beside0 + TRIANGLE_NORMAL), n1 = point_at(beside1 + TRIANGLE_NORMAL);
+    if (height_over(other, beside0, n0, foot->on) <= foot->flat &&
+        height_over(other, beside1, n1, foot->on) <= foot->flat)
+      held.distance = foot->distance > hold ? foot->distance : hold;
+  }
+  return held;
+}
+INLINE void take(Region* region, Held held) {
+  if (held.is_border)
+    hold_before(region, held.distance, held.outward);
+  else
+    hold_within(region, held.distance);
+}
+
+// Writes a node's own region about displacement u; how far that holds.
+INLINE real write_region(const Region* region, const Foot* foot, Point u, __global real* record) {
+  // A little less, for rounding.
+  real radius = R(0.98) * region->ball - foot->flat;
+  radius = radius > R(0.0) ? radius : R(0.0);
+  real slack = radius;
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    __global real* border = record + RECORD_BORDERS + 4 * k;
+    const int is = region->within[k] < NO_BORDER;
+    const real within = is ? R(0.98) * region->within[k] - foot->flat : R(1.0);
+    const Point out = region->outward[k];
+    border[0] = out.x;
+    border[1] = out.y;
+    border[2] = out.z;
+    border[3] = inner(out, u) + within;
+    slack = within < slack ? within : slack;
+  }
+  const real values[4] = {u.x, u.y, u.z, radius};
+  for (int k = 0; k < 4; ++k) record[RECORD_ANCHOR + k] = values[k];
+  return slack;
+}
+
+INLINE SlideShape shape_of_foot(const Foot* foot) {
+  const SlideShape shape = {foot->round != R(0.0) ? foot->axis : foot->n, foot->on, foot->n,
+                            foot->round};
+  return shape;
+}
+
+INLINE void write_node_shape(const SlideNode* node, SlideShape shape) {
+  write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows,
+              node->region);
+}
+
 // Levels 3 and 4 for one node at displacement u, at p: its surface, its zone and how far that holds.
 // The result says whether it is on an edge or corner.
 OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int* zone,
@@ -120,7 +335,6 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
   for (int k = 0; k < count && k < 8; ++k)
     for (int line = 0; line < TRIANGLE_NORMAL + 3; line += LINE_REALS)
       prefetch_line(s->triangles + (long)candidates[1 + k] * TRIANGLE_REALS + line);
-  // A candidate is at least as far as it was, less the way since.
   real known[SLIDE_MOST];
   int n_known = 0, face = -1;
   Nearest best;
@@ -129,12 +343,11 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
   best.feature = 0;
   real distance = R(0.0);
   for (; n_known < count; ++n_known) {
-    // A little farther, for rounding.
-    if (face >= 0 && R(0.9999) * reals[4 + n_known] - moved > distance) break;
+    if (face >= 0 && least_distance(reals[4 + n_known], moved) > distance) break;
     const int t = candidates[1 + n_known];
     const Nearest n = closest_on_triangle(s->triangles + (long)t * TRIANGLE_REALS, p);
     known[n_known] = square_root_of(n.square);
-    if (face < 0 || n.square < best.square || (n.square == best.square && t < face)) {
+    if (is_nearer(n.square, t, best.square, face)) {
       best = n;
       face = t;
       distance = known[n_known];
@@ -142,153 +355,46 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
   }
   if (face < 0) return 0;  // no number is near anything
   if (best.feature < 4) {
-    const int behind = node->record[RECORD_DISTANCE] < R(0.0);
-    const int part = (behind ? TRIANGLE_ZONES / 2 : 0) + best.feature;
-    *zone = zone_of(s, s->triangle_zones[(long)face * TRIANGLE_ZONES + part], p, node->free, left, nearest);
+    *zone = zone_of(s, zone_of_part(s, node, face, best.feature), p, node->free, left, nearest);
     if (*zone >= 0) {
       const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_UNIT, p);
-      write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows,
-              node->region);
+      write_node_shape(node, shape);
       return shape.round != R(0.0);
     }
   }
   __global const real* triangle = s->triangles + (long)face * TRIANGLE_REALS;
-  const Point away = minus(p, best.at);
-  const Point first = point_at(triangle), normal = point_at(triangle + TRIANGLE_NORMAL);
-  const real size = square_root_of(inner(minus(point_at(triangle + 3), first),
-                                         minus(point_at(triangle + 3), first)));
-  // What rounding may lift a corner of a flat neighbour off the plane.
-  const real flat = FLAT * square_root_of(inner(p, p)) + FLAT * size;
   Region region;
-  region.ball = reals[3] - moved;
-  region.n_borders = 0;
-  Point n = normal, on = first, axis = {R(0.0), R(0.0), R(0.0)}, far_end = first;
-  real side, round = R(0.0);
-  if (best.feature == 0) {
-    side = inner(away, normal) < R(0.0) ? R(-1.0) : R(1.0);
-    hold_over_face(&region, triangle, p);
-  } else {
-    const Point pseudo =
-        point_at(triangle + (best.feature < 4 ? TRIANGLE_EDGES + 3 * (best.feature - 1)
-                                              : TRIANGLE_VERTICES + 3 * (best.feature - 4)));
-    side = inner(away, pseudo) < R(0.0) ? R(-1.0) : R(1.0);
-    // Within rounding of the surface the way to it has no direction: the pseudonormal has.
-    const int has_way = distance > R(1e-6) * size;
-    n = has_way ? times(side / distance, away) : pseudo;
-    on = best.at;
-    // Held components, and no way: a plane for this step alone.
-    if (node->free == 7 && has_way) {
-      round = side;
-      hold_within(&region, distance);
-      if (best.feature < 4) {
-        on = point_at(triangle + 3 * (best.feature - 1));
-        far_end = point_at(triangle + 3 * (best.feature % 3));
-        // The same end whichever of its two triangles the edge was found by.
-        if (on.x > far_end.x || (on.x == far_end.x && (on.y > far_end.y || (on.y == far_end.y &&
-                                                                           on.z > far_end.z)))) {
-          const Point swap = on;
-          on = far_end;
-          far_end = swap;
-        }
-        const Point along = minus(far_end, on);
-        axis = unit_of(along);
-        const real at = inner(axis, minus(p, on));
-        hold_before(&region, at, times(R(-1.0), axis));
-        hold_before(&region, square_root_of(inner(along, along)) - at, axis);
-      } else {
-        on = point_at(triangle + 3 * (best.feature - 4));
-      }
-    } else {
-      region.ball = R(0.0);
-    }
-  }
-  // The triangles beside an edge: what lies behind both is never nearer than the edge.
+  const Foot foot = foot_of(triangle, best, p, distance, node->free, reals[3] - moved, &region);
   __global const real* beside[2] = {triangle, triangle};
   int n_beside = 0;
-  if (round != R(0.0))
+  if (foot.round != R(0.0))
     for (int k = 0; k < count; ++k) {
       __global const real* other = s->triangles + (long)candidates[1 + k] * TRIANGLE_REALS;
-      Point inwards;
-      if (best.feature < 4) {
-        if (!beside_edge(other, on, far_end, axis, &inwards)) continue;
-        hold_before(&region, -inner(inwards, minus(p, on)), inwards);
-        if (n_beside < 2) beside[n_beside] = other;
-        ++n_beside;
-      } else if (is_corner(other, on)) {
-        for (int corner = 0; corner < 3; ++corner) {
-          const Point v = point_at(other + 3 * corner);
-          if (same(v, on)) continue;
-          const Point along = unit_of(minus(v, on));
-          hold_before(&region, -inner(along, minus(p, on)), along);
-        }
-      }
+      Border one, two;
+      const int n_borders = borders_beside(&foot, other, &one, &two);
+      if (!n_borders) continue;
+      hold_before(&region, one.distance, one.outward);
+      if (n_borders > 1) hold_before(&region, two.distance, two.outward);
+      if (n_beside < 2) beside[n_beside] = other;
+      ++n_beside;
     }
   for (int k = 0; k < count && region.ball > R(0.0); ++k) {
     const int t = candidates[1 + k];
     __global const real* other = s->triangles + (long)t * TRIANGLE_REALS;
     if (best.feature == 0 ? t == face : best.feature < 4 ? n_beside && (other == beside[0] || other == beside[1])
-                                                         : is_corner(other, on))
+                                                         : is_corner(other, foot.on))
       continue;
-    const real least = R(0.9999) * reals[4 + k] - moved;
-    if (k >= n_known && R(0.49) * (least - distance) >= region.ball) break;
+    // What is skipped here and by the next would shrink nothing: held_by gives no less than this.
+    if (k >= n_known && held_by_distance(&foot, least_distance(reals[4 + k], moved)) >= region.ball) break;
     const real there = k < n_known ? known[k] : square_root_of(closest_on_triangle(other, p).square);
-    real hold = R(0.49) * (there - distance);
+    const real hold = held_by_distance(&foot, there);
     if (hold >= region.ball) continue;
-    if (best.feature == 0) {
-      const Point up = times(side, normal);
-      const Point off = minus(p, closest_on_triangle(other, p).at);
-      // The plane at the other's closest point, across the way to it, has the other behind it: while
-      // the node is higher over that plane than over this triangle's.
-      Point tilt = minus(there > R(0.0) ? times(R(1.0) / there, off) : up, up);
-      real slope = square_root_of(inner(tilt, tilt)), lead = there - distance;
-      if (height_over(other, triangle, up, first) <= flat) {
-        // Behind this one's plane: never nearer than that, as long as the node stays before it, or
-        // is less deep behind this one's plane than behind the other's.
-        const Point facing = times(side, point_at(other + TRIANGLE_NORMAL)), turn = minus(up, facing);
-        const real ahead = inner(up, minus(p, first)) - inner(facing, minus(p, point_at(other)));
-        const real bend = square_root_of(inner(turn, turn));
-        hold = distance > hold ? distance : hold;
-        if (bend > R(1e-3) && ahead * slope > lead * bend) {
-          tilt = turn;
-          slope = bend;
-          lead = ahead;
-        }
-      }
-      slope = slope > R(1e-6) ? slope : R(1e-6);
-      if (lead > hold * slope) {
-        hold_before(&region, lead / slope, times(R(-1.0) / slope, tilt));
-        continue;
-      }
-    } else if (best.feature < 4 && n_beside == 2 && round > R(0.0)) {
-      const Point n0 = point_at(beside[0] + TRIANGLE_NORMAL),
-                  n1 = point_at(beside[1] + TRIANGLE_NORMAL);
-      if (height_over(other, beside[0], n0, on) <= flat && height_over(other, beside[1], n1, on) <= flat)
-        hold = distance > hold ? distance : hold;
-    }
-    hold_within(&region, hold);
+    take(&region, held_by(&foot, other, there, best.feature == 0 ? closest_on_triangle(other, p).at : p,
+                          hold, n_beside == 2 ? beside[0] : 0, beside[1]));
   }
-  // A little less, for rounding.
-  real radius = R(0.98) * region.ball - flat;
-  radius = radius > R(0.0) ? radius : R(0.0);
-  real slack = radius;
-  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    __global real* border = node->record + RECORD_BORDERS + 4 * k;
-    const int is = k < region.n_borders;
-    const real within = is ? R(0.98) * region.within[k] - flat : R(1.0);
-    const Point out = is ? region.outward[k] : times(R(0.0), normal);
-    border[0] = out.x;
-    border[1] = out.y;
-    border[2] = out.z;
-    border[3] = inner(out, u) + within;
-    slack = within < slack ? within : slack;
-  }
-  const real values[4] = {u.x, u.y, u.z, radius};
-  for (int k = 0; k < 4; ++k) node->record[RECORD_ANCHOR + k] = values[k];
-  const SlideShape shape = {round != R(0.0) ? axis : n, on, n, round};
-  write_shape(shape, node->record, node->free, node->row_shape, node->lane, node->rows,
-              node->region);
-  *left = slack;
-  return round != R(0.0);
+  *left = write_region(&region, &foot, u, node->record);
+  write_node_shape(node, shape_of_foot(&foot));
+  return foot.round != R(0.0);
 }
 
 // How far a node is in its own region; not above 0 outside.
@@ -303,38 +409,22 @@ INLINE real left_in_region(__global const real* record, Point u) {
   return left;
 }
 
-// Looks at a node at displacement u that may have left its zone or region. The result says whether
-// it is on an edge or corner.
-OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Point u) {
+// A state that has run away is for the watch to report, not to be sought for.
+INLINE int is_lost(Point p) { return !(inner(p, p) < LOST * LOST); }
+
+// What is known of a node at displacement u, at p, after a look: its zone before and now and how far that
+// holds, of `now` >= 0 to its border `nearest`, and the ball in it.
+INLINE void write_look(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int before,
+                       int now, int nearest, real left, real ball) {
   __global real* record = node->record;
-  const Point X = point_at(record + RECORD_PLACE);
-  const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
-  // A state that has run away is for the watch to report, not to be sought for.
-  const real square = inner(p, p);
-  if (!(square < LOST * LOST)) return 0;
-  const int before = *node->zone;
-  real left = R(0.0);
-  int nearest = 0, now = zone_of(s, before, p, node->free, &left, &nearest), round;
-  if (now >= 0) {
-    __global const real* in = s->zones + (long)now * ZONE_UNIT;
-    round = in[ZONE_ROUND] != R(0.0);
-    if (now != before)
-      write_shape(shape_of_zone(in, p), record, node->free, node->row_shape, node->lane, node->rows,
-                  node->region);
-  } else {
-    left = before < 0 ? left_in_region(record, u) : R(0.0);
-    round = node->row_shape >> (node->lane + 1) & 1;
-    if (!(left > R(0.0))) round = find_surface(s, node, u, p, &now, &left, &nearest);
-  }
   if (now != before) *node->zone = now;
   Point middle = u;
   if (now >= 0) {
-    __global const real* in = s->zones + (long)now * ZONE_UNIT;
-    __global const real* border = in + ZONE_BORDER + nearest * ZONE_BORDER_REALS;
-    const real ball = ball_in_zone(in, p, nearest, left);
+    __global const real* border =
+        s->zones + (long)now * ZONE_UNIT + ZONE_BORDER + nearest * ZONE_BORDER_REALS;
     middle = plus_scaled(u, left - ball, point_at(border));
     // A little less, for rounding.
-    left = R(0.99999) * ball - FLAT * square_root_of(square);
+    left = R(0.99999) * ball - FLAT * square_root_of(inner(p, p));
     for (int k = 0; k < 4; ++k) record[RECORD_EXIT + k] = border[k];
     record[RECORD_NEXT] = border[4];
   } else {
@@ -342,5 +432,30 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
   }
   const real values[4] = {middle.x, middle.y, middle.z, left > R(0.0) ? left : R(0.0)};
   for (int k = 0; k < 4; ++k) node->rows[(SLIDE_SEEN + k) * TLED_LANES] = values[k];
+}
+
+// Looks at a node at displacement u that may have left its zone or region. The result says whether
+// it is on an edge or corner.
+OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Point u) {
+  __global real* record = node->record;
+  const Point X = point_at(record + RECORD_PLACE);
+  const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
+  if (is_lost(p)) return 0;
+  const int before = *node->zone;
+  real left = R(0.0);
+  int nearest = 0, now = zone_of(s, before, p, node->free, &left, &nearest), round;
+  if (now >= 0) {
+    __global const real* in = s->zones + (long)now * ZONE_UNIT;
+    round = in[ZONE_ROUND] != R(0.0);
+    if (now != before)
+      write_node_shape(node, shape_of_zone(in, p));
+  } else {
+    left = before < 0 ? left_in_region(record, u) : R(0.0);
+    round = node->row_shape >> (node->lane + 1) & 1;
+    if (!(left > R(0.0))) round = find_surface(s, node, u, p, &now, &left, &nearest);
+  }
+  const real ball =
+      now >= 0 ? ball_in_zone(s->zones + (long)now * ZONE_UNIT, p, nearest, left) : R(0.0);
+  write_look(s, node, u, p, before, now, nearest, left, ball);
   return round;
 }

@@ -49,7 +49,7 @@ OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* s
     const Points u = lanes_of(nodes);
     const int left = lanes_that_left(lanes, u);
     if (!left) {
-      put_back(way_back(lanes, region, head[HEAD_SHAPE], u), u, nodes);
+      store_points(moved_back(way_back(lanes, region, head[HEAD_SHAPE], u), u), nodes);
     } else if (q->n_records == SLIDING_WAIT) {
       look_at_row(arrays, surfaces, place, u_next);
     } else {

@@ -110,9 +110,19 @@ INLINE real within_cell(real x, real low, real edge, int cell, int count) {
   return least > R(0.0) ? least : R(0.0);
 }
 
-// Squared distance of the surface's nearest triangle, by rings of cells about the place; its number
-// goes to *face, of equally near ones the lowest.
-OUT_OF_LINE real nearest_in_grid(const SlideSurfaces* s, int surface, Point p, int* face) {
+// Of equally near triangles the one with the lowest number; `best` counts where there is a `face`.
+INLINE int is_nearer(real square, int t, real best, int face) {
+  return face < 0 || square < best || (square == best && t < face);
+}
+
+// The cells about a place: its own, and rings about that.
+typedef struct {
+  __global const int* grid;
+  int x, y, z, longest;      // its own; as many rings as reach every cell
+  real edge, margin, gap;    // way to the nearest side of its own; squared way to the grid
+} Rings;
+
+INLINE Rings rings_about(const SlideSurfaces* s, int surface, Point p) {
   __global const int* grid = s->grids + surface * GRID_INTS;
   __global const real* low = s->grid_reals + surface * GRID_REALS;
   const real edge = low[3];
@@ -126,12 +136,42 @@ OUT_OF_LINE real nearest_in_grid(const SlideSurfaces* s, int surface, Point p, i
   margin = mz < margin ? mz : margin;
   const real bx = beyond(p.x, low[0], edge, nx), by = beyond(p.y, low[1], edge, ny),
              bz = beyond(p.z, low[2], edge, nz);
-  const real gap = bx * bx + by * by + bz * bz;
   int longest = nx > ny ? nx : ny;
   longest = nz > longest ? nz : longest;
+  const Rings rings = {grid, cx, cy, cz, longest, edge, margin, bx * bx + by * by + bz * bz};
+  return rings;
+}
+
+// Whether no triangle beyond this ring is nearer. Cells there are at least so far from the grid's place
+// nearest to p, and the way from there to them and the way to p are at a right angle or more.
+INLINE int is_within_ring(const Rings* rings, int ring, real square) {
+  const real far = rings->margin + rings->edge * (real)ring;
+  return square <= far * far + rings->gap;
+}
+
+// The nearest triangle of a cell, where it is nearer than `best`.
+INLINE void look_into_cell(const SlideSurfaces* s, const Rings* rings, int x, int y, int z, Point p,
+                           real* best, int* face) {
+  const int cell = rings->grid[3] + (z * rings->grid[1] + y) * rings->grid[0] + x;
+  for (int i = s->cell_begin[cell]; i < s->cell_begin[cell + 1]; ++i) {
+    const int t = s->cell_triangles[i];
+    const real square = closest_on_triangle(s->triangles + (long)t * TRIANGLE_REALS, p).square;
+    if (is_nearer(square, t, *best, *face)) {
+      *best = square;
+      *face = t;
+    }
+  }
+}
+
+// Squared distance of the surface's nearest triangle, by rings of cells about the place; its number
+// goes to *face, of equally near ones the lowest.
+OUT_OF_LINE real nearest_in_grid(const SlideSurfaces* s, int surface, Point p, int* face) {
+  const Rings rings = rings_about(s, surface, p);
+  const int nx = rings.grid[0], ny = rings.grid[1], nz = rings.grid[2];
+  const int cx = rings.x, cy = rings.y, cz = rings.z;
   real best = R(-1.0);
   *face = -1;
-  for (int ring = 0; ring < longest; ++ring) {
+  for (int ring = 0; ring < rings.longest; ++ring) {
     for (int z = cz - ring; z <= cz + ring; ++z) {
       if (z < 0 || z >= nz) continue;
       for (int y = cy - ring; y <= cy + ring; ++y) {
@@ -139,24 +179,11 @@ OUT_OF_LINE real nearest_in_grid(const SlideSurfaces* s, int surface, Point p, i
         const int on_side = z == cz - ring || z == cz + ring || y == cy - ring || y == cy + ring;
         // Inside the ring's shell only its two ends along x are new.
         const int stride = on_side || ring == 0 ? 1 : 2 * ring;
-        for (int x = cx - ring; x <= cx + ring; x += stride) {
-          if (x < 0 || x >= nx) continue;
-          const int cell = grid[3] + (z * ny + y) * nx + x;
-          for (int i = s->cell_begin[cell]; i < s->cell_begin[cell + 1]; ++i) {
-            const int t = s->cell_triangles[i];
-            const real square = closest_on_triangle(s->triangles + (long)t * TRIANGLE_REALS, p).square;
-            if (*face < 0 || square < best || (square == best && t < *face)) {
-              best = square;
-              *face = t;
-            }
-          }
-        }
+        for (int x = cx - ring; x <= cx + ring; x += stride)
+          if (x >= 0 && x < nx) look_into_cell(s, &rings, x, y, z, p, &best, face);
       }
     }
-    // Cells beyond this ring are at least so far from the grid's place nearest to p, and the way from
-    // there to them and the way to p are at a right angle or more.
-    const real far = margin + edge * (real)ring;
-    if (*face >= 0 && best <= far * far + gap) break;
+    if (*face >= 0 && is_within_ring(&rings, ring, best)) break;
   }
   return best;
 }
@@ -178,13 +205,46 @@ INLINE int cell_is_beyond(__global const real* low, int x, int y, int z, Point p
   return square > limit * limit;
 }
 
+// From where on triangles may be missing at first, with the nearest at this squared distance.
+INLINE real far_enough(real first, real edge) {
+  return R(1.0001) * square_root_of(first) + edge;
+}
+
+// Cells with all places within `reach` of p.
+typedef struct { int x0, x1, y0, y1, z0, z1; } CellBox;
+INLINE CellBox cells_about(__global const int* grid, __global const real* low, Point p, real reach) {
+  const real edge = low[3];
+  const CellBox box = {clamped_cell(p.x - reach, low[0], edge, grid[0]),
+                       clamped_cell(p.x + reach, low[0], edge, grid[0]),
+                       clamped_cell(p.y - reach, low[1], edge, grid[1]),
+                       clamped_cell(p.y + reach, low[1], edge, grid[1]),
+                       clamped_cell(p.z - reach, low[2], edge, grid[2]),
+                       clamped_cell(p.z + reach, low[2], edge, grid[2])};
+  return box;
+}
+
+// Whether the ball that holds a triangle is not within `limit` of p.
+INLINE int ball_is_beyond(Point centre, real radius, Point p, real limit) {
+  const Point off = minus(p, centre);
+  const real far = limit + radius;
+  return inner(off, off) >= far * far;
+}
+
+// How far candidates of p hold: `count` with the nearest at `first`, of those from `limit` on some missing.
+INLINE void write_hold(__global real* reals, Point p, int count, real first, real limit) {
+  reals[0] = p.x;
+  reals[1] = p.y;
+  reals[2] = p.z;
+  // A little less than half, for rounding.
+  reals[3] = count ? R(0.49) * (limit - first) : R(0.0);
+}
+
 // Level 4: the nearest triangles by their distances, as many as there is room for, and how far they
 // hold. Those of the last time, if any, tell how far to look.
 OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
                                  __global int* candidates, __global real* reals) {
   __global const int* grid = s->grids + surface * GRID_INTS;
   __global const real* low = s->grid_reals + surface * GRID_REALS;
-  const real edge = low[3];
   real first = R(-1.0);
   for (int k = 0; k < candidates[0]; ++k) {
     const real square =
@@ -197,26 +257,20 @@ OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
   real kept[SLIDE_MOST];
   int count = 0;
   // Triangles from here on may be missing.
-  real limit = R(1.0001) * square_root_of(first) + edge;
-  const real reach = limit;
-  const int x0 = clamped_cell(p.x - reach, low[0], edge, grid[0]),
-            x1 = clamped_cell(p.x + reach, low[0], edge, grid[0]),
-            y0 = clamped_cell(p.y - reach, low[1], edge, grid[1]),
-            y1 = clamped_cell(p.y + reach, low[1], edge, grid[1]),
-            z0 = clamped_cell(p.z - reach, low[2], edge, grid[2]),
-            z1 = clamped_cell(p.z + reach, low[2], edge, grid[2]);
-  for (int z = z0; z <= z1; ++z)
-    for (int y = y0; y <= y1; ++y)
-      for (int x = x0; x <= x1; ++x) {
+  real limit = far_enough(first, low[3]);
+  const CellBox box = cells_about(grid, low, p, limit);
+  for (int z = box.z0; z <= box.z1; ++z)
+    for (int y = box.y0; y <= box.y1; ++y)
+      for (int x = box.x0; x <= box.x1; ++x) {
         const int cell = grid[3] + (z * grid[1] + y) * grid[0] + x;
         const int begin = s->cell_begin[cell], end = s->cell_begin[cell + 1];
         if (begin == end || cell_is_beyond(low, x, y, z, p, limit)) continue;
         for (int i = begin; i < end; ++i) {
           const int t = s->cell_triangles[i];
           __global const real* triangle = s->triangles + (long)t * TRIANGLE_REALS;
-          const Point off = minus(p, point_at(triangle + TRIANGLE_BALL));
-          const real far = limit + triangle[TRIANGLE_BALL + 3];
-          if (inner(off, off) >= far * far) continue;
+          if (ball_is_beyond(point_at(triangle + TRIANGLE_BALL), triangle[TRIANGLE_BALL + 3], p,
+                             limit))
+            continue;
           int known = 0;
           for (int k = 0; k < count; ++k) known |= ids[k] == t;
           if (known) continue;
@@ -246,11 +300,7 @@ OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
     candidates[1 + k] = ids[k];
     reals[4 + k] = kept[k];
   }
-  reals[0] = p.x;
-  reals[1] = p.y;
-  reals[2] = p.z;
-  // A little less than half, for rounding.
-  reals[3] = count ? R(0.49) * (limit - kept[0]) : R(0.0);
+  write_hold(reals, p, count, count ? kept[0] : R(0.0), limit);
 }
 
 // Work-item: a place (3 reals). Its nearest triangle and squared distance: what the grid finds.

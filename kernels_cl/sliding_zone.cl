@@ -6,13 +6,23 @@
 // Zones that are tried one behind the other before a search.
 #define MOST_HOPS 4
 
+// Distance from a place to a border of a zone, of its region or of where it left; not above 0 past it.
+INLINE real ahead_of(__global const real* border, Point p) {
+  return border[3] - inner(point_at(border), p);
+}
+
+// Whether that is the end of the way through zones.
+INLINE int stays_in(__global const real* zone, int free) {
+  // Held components: on an edge the plane is one for this step alone.
+  return free == 7 || zone[ZONE_ROUND] == R(0.0);
+}
+
 // Distance from a place to the nearest border of a zone, and its number; not above 0 outside.
 INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
   real left = R(1e30);
   const int count = (int)zone[ZONE_COUNT];
   for (int k = 0; k < count; ++k) {
-    __global const real* border = zone + ZONE_BORDER + k * ZONE_BORDER_REALS;
-    const real to = border[3] - inner(point_at(border), p);
+    const real to = ahead_of(zone + ZONE_BORDER + k * ZONE_BORDER_REALS, p);
     if (to < left) {
       left = to;
       *nearest = k;
@@ -28,11 +38,22 @@ INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* le
     __global const real* in = s->zones + (long)zone * ZONE_UNIT;
     *nearest = 0;
     *left = left_in_zone(in, p, nearest);
-    // Held components: on an edge the plane is one for this step alone.
-    if (*left > R(0.0)) return free == 7 || in[ZONE_ROUND] == R(0.0) ? zone : -1;
+    if (*left > R(0.0)) return stays_in(in, free) ? zone : -1;
     zone = (int)in[ZONE_BORDER + *nearest * ZONE_BORDER_REALS + 4];
   }
   return -1;
+}
+
+// The most a ball may grow that moves along, away from its nearest border, as far as it grows: another
+// border is `farther` than the nearest and nears by `nears` of the way.
+#define MOST_GROWTH R(1e3)
+INLINE real growth_before(real most, real farther, real nears) {
+  return farther < most * nears ? farther / nears : most;
+}
+
+INLINE real grown(real left, real most) { return most > R(0.0) ? left + most : left; }
+INLINE real nears_along(__global const real* border, Point outward) {
+  return R(1.0) - inner(point_at(border), outward);
 }
 
 // How far a ball in a zone reaches from its middle, which is where a place `left` from the nearest border
@@ -40,16 +61,13 @@ INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* le
 // a border stays in it longer than in the ball about itself.
 INLINE real ball_in_zone(__global const real* zone, Point p, int nearest, real left) {
   const Point outward = point_at(zone + ZONE_BORDER + nearest * ZONE_BORDER_REALS);
-  real most = R(1e3);
+  real most = MOST_GROWTH;
   const int count = (int)zone[ZONE_COUNT];
   for (int k = 0; k < count; ++k) {
     __global const real* border = zone + ZONE_BORDER + k * ZONE_BORDER_REALS;
-    const real to = border[3] - inner(point_at(border), p);
-    // The border nears by `nears` of the way while the ball grows by the way.
-    const real nears = R(1.0) - inner(point_at(border), outward);
-    if (to - left < most * nears) most = (to - left) / nears;
+    most = growth_before(most, ahead_of(border, p) - left, nears_along(border, outward));
   }
-  return most > R(0.0) ? left + most : left;
+  return grown(left, most);
 }
 
 // What a node slides on: a plane, or round an edge or corner. n: the plane's normal, before or behind

@@ -19,6 +19,11 @@ constexpr std::size_t kGroup = 64;
 constexpr std::uint8_t kLayout = 3;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
+// Where slide_still and slide_queued take whether ways back are kept.
+constexpr unsigned kStillKeepsWays = 7, kQueuedKeepsWays = 17;
+// Work-items of a group of slide_queued (SLIDE_ITEMS), and groups of it that a compute unit gets at
+// most: as many as there is room for, so that each has a node or two.
+constexpr std::size_t kQueueGroup = 32, kQueueGroupsPerUnit = 16;
 
 std::unique_ptr<Buffer> upload(Device& device, const std::vector<double>& values,
                                Precision precision) {
@@ -207,7 +212,11 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   candidate_reals_ = reals(std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
   triangles_ = reals(grids.triangles);
   const Zones zones = make_zones(grids, reach_of(given, grids), rounding_of(precision));
-  zones_ = reals(zones.reals);
+  // Behind the last there is room for the borders of a full one: they are read before their number
+  // is.
+  std::vector<double> zone_reals = zones.reals;
+  zone_reals.resize(zone_reals.size() + ZONE_BORDER + ZONE_MOST_BORDERS * ZONE_BORDER_REALS, 0.0);
+  zones_ = reals(zone_reals);
   triangle_zones_ = integers(zones.of_triangle);
   grids_ = integers(grids.grids);
   grid_reals_ = reals(grids.grid_reals);
@@ -215,6 +224,13 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   cell_triangles_ = integers(grids.cell_triangles);
   for (Group& group : groups_)
     for (auto& kernel : group.kernel) kernel = program.kernel("slide_nodes");
+  if (!vector_rows && !has_laws_) {
+    queue_ = integers(std::vector<std::int32_t>(SLIDE_WAITING + n_nodes_, 0));
+    n_groups_ = std::min<std::size_t>(
+        n_nodes_, kQueueGroupsPerUnit * std::max(1u, device.info().compute_units));
+    for (auto& kernel : still_) kernel = program.kernel("slide_still");
+    for (auto& kernel : queued_) kernel = program.kernel("slide_queued");
+  }
   if (vector_rows)
     for (auto& kernel : keep_ways_) kernel = program.kernel("keep_ways_back");
 }
@@ -279,6 +295,19 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buff
             std::int32_t(has_laws_), group.pose_column, step_reals})
         kernel.set_arg(index++, value);
     }
+    if (queue_) {
+      unsigned index = 0;
+      for (const Buffer* buffer : {rows_.get(), regions_.get(), ints_.get(), queue_.get()})
+        still_[parity]->set_arg(index++, *buffer);
+      still_[parity]->set_arg(index++, *u[parity]);
+      still_[parity]->set_arg(index++, static_cast<std::int32_t>(n_nodes_));
+      still_[parity]->set_arg(index, static_cast<std::int32_t>(parity));
+      index = 0;
+      for (const Buffer* buffer : arguments()) queued_[parity]->set_arg(index++, *buffer);
+      queued_[parity]->set_arg(index++, *queue_);
+      queued_[parity]->set_arg(index++, *u[parity]);
+      queued_[parity]->set_arg(index, static_cast<std::int32_t>(parity));
+    }
     if (keep_ways_[parity])
       keep_ways_[parity]->set_arg(bind_nodes(*keep_ways_[parity], *u[parity]),
                                   static_cast<std::int32_t>(n_rows_));
@@ -292,6 +321,13 @@ void Sliding::set_has_levels(bool has_levels) {
 }
 
 void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
+  if (queue_) {
+    still_[next]->set_arg(kStillKeepsWays, std::int32_t(keep_normals));
+    still_[next]->enqueue(n_nodes_, kGroup);
+    queued_[next]->set_arg(kQueuedKeepsWays, std::int32_t(keep_normals));
+    queued_[next]->enqueue(n_groups_ * kQueueGroup, kQueueGroup);
+    return;
+  }
   for (Group& group : groups_) {
     group.kernel[next]->set_arg(kStepIndex, step_index);
     group.kernel[next]->set_arg(kKeepWays, std::int32_t(keep_normals));
@@ -331,6 +367,14 @@ void Sliding::set_state(const std::vector<std::uint8_t>& state) {
     buffer->write(at, buffer->bytes());
     at += buffer->bytes();
   }
+  empty_queue();
+}
+
+// Steps come in turns to the two buffers of displacements, and each sets the other's number to 0;
+// from where a state is given none waits for either.
+void Sliding::empty_queue() {
+  const std::int32_t none[SLIDE_WAITING] = {};
+  if (queue_) queue_->write(none, sizeof none);
 }
 
 void Sliding::forget() {
@@ -356,6 +400,7 @@ void Sliding::forget() {
   // A radius of 0: sought at the next step.
   write_reals(*candidate_reals_, std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0),
               precision_);
+  empty_queue();
 }
 
 std::vector<std::int32_t> Sliding::read_integers(const Buffer& buffer) const {

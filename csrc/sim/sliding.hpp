@@ -77,6 +77,7 @@ class Sliding {
   std::vector<double> read_reals(const Buffer& buffer) const;
   std::array<Buffer*, 7> known() const;          // arrays of what state() holds
   std::vector<const Buffer*> arguments() const;  // TLED_SLIDING_ARGUMENTS
+  void empty_queue();
   std::vector<std::int32_t> read_integers(const Buffer& buffer) const;
 
   Device& device_;
@@ -90,6 +91,11 @@ class Sliding {
   std::vector<Group> groups_;
   std::vector<std::int32_t> block_of_row_;  // where rows are vectors
   std::unique_ptr<Kernel> keep_ways_[2];
+  // Where rows are no vectors and there are no laws: slide_still and slide_queued of each
+  // direction, and the nodes that wait between them.
+  std::unique_ptr<Kernel> still_[2], queued_[2];
+  std::unique_ptr<Buffer> queue_;
+  std::size_t n_groups_ = 0;
   std::unique_ptr<Buffer> rows_, regions_, records_, heads_, ints_, laws_, candidates_,
       candidate_reals_, triangles_, grids_, grid_reals_, cell_begin_, cell_triangles_, zones_,
       triangle_zones_;
