@@ -144,20 +144,18 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
 #endif
 
 // A lane of a row; `surface`: its SLIDE_SURFACE.
-INLINE SlideNode node_of(const SlideRow* row, int lane, int surface) {
-  const SlideNode node = {surface >> 3,
-                          // Held components are looked after by whoever turns the way back, where the
-                          // surface may turn.
-                          row->moves ? 7 : surface & 7,
-                          *row->shape,
-                          lane,
-                          row->rows + lane,
-                          row->regions + lane,
-                          row->records + lane * RECORD_REALS,
-                          row->ints + SLIDE_ZONE * TLED_LANES + lane,
-                          row->candidates + lane * SLIDE_CANDIDATES,
-                          row->candidate_reals + lane * SLIDE_CANDIDATE_REALS};
-  return node;
+INLINE void name_node(const SlideRow* row, int lane, int surface, SlideNode* node) {
+  node->surface = surface >> 3;
+  // Held components are looked after by whoever turns the way back, where the surface may turn.
+  node->free = row->moves ? 7 : surface & 7;
+  node->row_shape = *row->shape;
+  node->lane = lane;
+  node->rows = row->rows + lane;
+  node->region = row->regions + lane;
+  node->record = row->records + lane * RECORD_REALS;
+  node->zone = row->ints + SLIDE_ZONE * TLED_LANES + lane;
+  node->candidates = row->candidates + lane * SLIDE_CANDIDATES;
+  node->candidate_reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;
 }
 INLINE int shape_with(int shape, int lane, int round) {
   return (shape & ~(2 << lane)) | round << (lane + 1);
@@ -172,7 +170,8 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
     if (!(left >> (lane - row->first) & 1)) continue;
     const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
     if (surface < 0) continue;
-    const SlideNode node = node_of(row, lane, surface);
+    SlideNode node;
+    name_node(row, lane, surface, &node);
     __global const real* at = u + row->dof + (lane - row->first);
     Point v = {at[0], at[TLED_LANES], at[2 * TLED_LANES]};
     if (row->moves) v = seen_from(row->pose, point_at(node.record + RECORD_PLACE), v);

@@ -11,51 +11,50 @@
 INLINE int zone_together(const SlideSurfaces* s, int zone, int guess, Point p, int free,
                          __local Together* w, int item, real* left, int* nearest) {
   const int mine = item % ZONE_MOST_BORDERS, is_first = item < ZONE_MOST_BORDERS;
-  int first = -1, second = -1, found = -1;  // zones whose borders are in w
-  for (int hop = 0; hop <= MOST_HOPS && zone >= 0; ++hop) {
-    if (zone != first && zone != second) {
-      first = zone;
-      second = hop == 0 && guess >= 0 ? guess : zone;
-      __global const real* in = s->zones + (long)(is_first ? first : second) * ZONE_UNIT;
-      __global const real* border = in + ZONE_BORDER + mine * ZONE_BORDER_REALS;
-      // Read without waiting for their number: behind the last zone there is room (csrc/sim/sliding).
-      const real ahead = ahead_of(border, p), behind = border[4];
-      local_barrier();
-      w->ahead[item] = mine < (int)in[ZONE_COUNT] ? ahead : NO_BORDER;
-      w->behind[item] = behind;
-      local_barrier();
+  int found = -1, hop = 0;
+  do {
+    const int first = zone < 0 ? 0 : zone, second = guess < 0 ? first : guess;
+    __global const real* in = s->zones + (long)(is_first ? first : second) * ZONE_UNIT;
+    __global const real* border = in + ZONE_BORDER + mine * ZONE_BORDER_REALS;
+    // Read without waiting for their number: behind the last zone there is room (csrc/sim/sliding).
+    const real ahead = ahead_of(border, p), behind = border[4];
+    w->ahead[item] = mine < (int)in[ZONE_COUNT] ? ahead : NO_BORDER;
+    w->behind[item] = behind;
+    local_barrier();
+    for (; hop <= MOST_HOPS && zone >= 0 && (zone == first || zone == second); ++hop) {
+      const int at = zone == first ? 0 : ZONE_MOST_BORDERS;
+      *left = NO_BORDER;
+      *nearest = 0;
+      for (int k = 0; k < ZONE_MOST_BORDERS; ++k)
+        if (w->ahead[at + k] < *left) {
+          *left = w->ahead[at + k];
+          *nearest = k;
+        }
+      const int holds = *left > R(0.0);
+      if (holds && stays_in(s->zones + (long)zone * ZONE_UNIT, free)) found = zone;
+      zone = holds ? -1 : (int)w->behind[at + *nearest];
     }
-    const int at = zone == first ? 0 : ZONE_MOST_BORDERS;
-    *left = NO_BORDER;
-    *nearest = 0;
-    for (int k = 0; k < ZONE_MOST_BORDERS; ++k)
-      if (w->ahead[at + k] < *left) {
-        *left = w->ahead[at + k];
-        *nearest = k;
-      }
-    if (*left > R(0.0)) {
-      found = stays_in(s->zones + (long)zone * ZONE_UNIT, free) ? zone : -1;
-      zone = -1;
-    } else {
-      zone = (int)w->behind[at + *nearest];
-    }
-  }
+    zone = hop <= MOST_HOPS ? zone : -1;
+    guess = -1;
+    local_barrier();
+  } while (zone >= 0);
   return found;
 }
 
-// As ball_in_zone.
-INLINE real ball_together(__global const real* zone, Point p, int nearest, real left,
+// As ball_in_zone, where there is a `zone`.
+INLINE real ball_together(const SlideSurfaces* s, int zone, Point p, int nearest, real left,
                           __local Together* w, int item) {
-  const Point outward = point_at(zone + ZONE_BORDER + nearest * ZONE_BORDER_REALS);
-  const int count = (int)zone[ZONE_COUNT];
+  __global const real* in = s->zones + (long)(zone < 0 ? 0 : zone) * ZONE_UNIT;
+  const int count = zone < 0 ? 0 : (int)in[ZONE_COUNT];
   if (item < count) {
-    __global const real* border = zone + ZONE_BORDER + item * ZONE_BORDER_REALS;
-    w->ahead[item] = ahead_of(border, p) - left;
+    const Point outward = point_at(in + ZONE_BORDER + nearest * ZONE_BORDER_REALS);
+    __global const real* border = in + ZONE_BORDER + item * ZONE_BORDER_REALS;
+    w->farther[item] = ahead_of(border, p) - left;
     w->nears[item] = nears_along(border, outward);
   }
-  local_barrier();
+  full_barrier();  // all have read what item 0 writes next
   real most = MOST_GROWTH;
-  for (int k = 0; k < count; ++k) most = growth_before(most, w->ahead[k], w->nears[k]);
+  for (int k = 0; k < count; ++k) most = growth_before(most, w->farther[k], w->nears[k]);
   return grown(left, most);
 }
 
@@ -69,33 +68,30 @@ INLINE void keep_point(Point p, __local real* at) {
   at[2] = p.z;
 }
 
-// Levels 3 and 4 as find_surface: an item a candidate. What is written is item 0's to write, *left is right
-// there and where *zone is not -1.
-INLINE int find_together(const SlideSurfaces* s, const SlideNode* node, Point u, Point p,
-                         __local Together* w, int item, int* zone, real* left, int* nearest) {
+// Levels 3 and 4 as find_surface where they are asked for (`seeks`): an item a candidate. What is
+// written is item 0's to write, `round` is left alone where nothing is sought.
+INLINE void find_together(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int seeks,
+                          __local Together* w, int item, int* zone, real* left, int* nearest,
+                          int* round) {
   __global int* candidates = node->candidates;
   __global real* reals = node->candidate_reals;
-  *zone = -1;
-  *left = R(0.0);
-  const Point off = minus(p, point_at(reals));
-  real moved = square_root_of(inner(off, off)), radius = reals[3];
-  int count = candidates[0], t = item < SLIDE_MOST ? candidates[1 + item] : 0;
-  real was = item < SLIDE_MOST ? reals[4 + item] : R(0.0);
-  if (!(moved < radius)) {
-    seek_together(s, node->surface, p, candidates, reals, w, item);
-    moved = R(0.0);
-    radius = reals[3];
-    count = candidates[0];
-    t = item < SLIDE_MOST ? candidates[1 + item] : 0;
-    was = item < SLIDE_MOST ? reals[4 + item] : R(0.0);
+  real moved = R(0.0);
+  int starts = 0;
+  if (seeks) {
+    const Point off = minus(p, point_at(reals));
+    moved = square_root_of(inner(off, off));
+    starts = !(moved < reals[3]);
+    moved = starts ? R(0.0) : moved;
   }
-  const int is = item < count;
-  __global const real* other = s->triangles + (long)(is ? t : 0) * TRIANGLE_REALS;
-  const Nearest mine = closest_on_triangle(other, p);
+  seek_together(s, node->surface, p, starts, candidates, reals, w, item);
+  const int count = seeks ? candidates[0] : 0, is = item < count, t = is ? candidates[1 + item] : 0;
+  __global const real* other = s->triangles + (long)t * TRIANGLE_REALS;
+  Nearest mine = {p, R(0.0), 0};
+  if (is) mine = closest_on_triangle(other, p);
   const real there = square_root_of(mine.square);
   w->square[item] = mine.square;
   w->distance[item] = there;
-  w->was[item] = was;
+  w->was[item] = is ? reals[4 + item] : R(0.0);
   w->number[item] = t;
   w->feature[item] = mine.feature;
   keep_point(mine.at, w->at + 3 * item);
@@ -111,68 +107,80 @@ INLINE int find_together(const SlideSurfaces* s, const SlideNode* node, Point u,
       distance = w->distance[which];
     }
   }
-  if (face < 0) return 0;  // no number is near anything
+  // No number is near anything.
+  *round = seeks && face < 0 ? 0 : *round;
   const Nearest best = {local_point(w->at + 3 * which), square, w->feature[which]};
-  if (best.feature < 4)
-    *zone = zone_together(s, zone_of_part(s, node, face, best.feature), -1, p, node->free, w, item,
-                          left, nearest);
-  if (*zone >= 0) {
-    const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_UNIT, p);
+  const int part = face >= 0 && best.feature < 4 ? zone_of_part(s, node, face, best.feature) : -1;
+  const int found = zone_together(s, part, -1, p, node->free, w, item, left, nearest);
+  if (found >= 0) {
+    const SlideShape shape = shape_of_zone(s->zones + (long)found * ZONE_UNIT, p);
+    *zone = found;
+    *round = shape.round != R(0.0);
     if (item == 0) write_node_shape(node, shape);
-    return shape.round != R(0.0);
   }
+  // A region of its own.
+  const int is_own = face >= 0 && found < 0;
   Region region;
-  const Foot foot = foot_of(s->triangles + (long)face * TRIANGLE_REALS, best, p, distance,
-                            node->free, radius - moved, &region);
-  const int has_borders = foot.round != R(0.0);
-  Border one, two;
-  const int n_borders = is && has_borders ? borders_beside(&foot, other, &one, &two) : 0;
-  w->n_borders[item] = n_borders;
-  if (n_borders > 0) {
-    w->border[2 * item] = one.distance;
-    keep_point(one.outward, w->border_outward + 6 * item);
-  }
-  if (n_borders > 1) {
-    w->border[2 * item + 1] = two.distance;
-    keep_point(two.outward, w->border_outward + 6 * item + 3);
-  }
-  local_barrier();
-  int n_beside = 0, beside0 = -1, beside1 = -1;  // the first two triangles beside an edge
-  for (int k = 0; best.feature < 4 && k < count; ++k)
-    if (w->n_borders[k]) {
-      beside1 = n_beside == 1 ? k : beside1;
-      beside0 = n_beside == 0 ? k : beside0;
-      ++n_beside;
+  Foot foot;
+  int n_borders = 0;
+  if (is_own) {
+    find_foot(s->triangles + (long)face * TRIANGLE_REALS, best, p, distance, node->free,
+              reals[3] - moved, &foot, &region);
+    Border one, two;
+    if (is && foot.round != R(0.0)) n_borders = borders_beside(&foot, other, &one, &two);
+    if (n_borders > 0) {
+      w->border[2 * item] = one.distance;
+      keep_point(one.outward, w->border_outward + 6 * item);
     }
-  const int is_foot = best.feature == 0 ? t == face : best.feature < 4 ? item == beside0 || item == beside1
-                                                                       : n_borders > 0;
-  const real hold = held_by_distance(&foot, there);
-  const int has_both = n_beside == 2;
-  const Held held = held_by(
-      &foot, other, there, mine.at, hold,
-      has_both ? s->triangles + (long)w->number[beside0] * TRIANGLE_REALS : 0,
-      has_both ? s->triangles + (long)w->number[beside1] * TRIANGLE_REALS : 0);
-  w->held[item] = is_foot ? -1 : held.is_border;
-  w->hold[item] = hold;
-  w->held_distance[item] = held.distance;
-  keep_point(held.outward, w->held_outward + 3 * item);
+    if (n_borders > 1) {
+      w->border[2 * item + 1] = two.distance;
+      keep_point(two.outward, w->border_outward + 6 * item + 3);
+    }
+  }
+  w->n_borders[item] = n_borders;
   local_barrier();
-  if (has_borders)
+  if (is_own) {
+    int n_beside = 0, beside0 = -1, beside1 = -1;  // the first two triangles beside an edge
+    for (int k = 0; best.feature < 4 && k < count; ++k)
+      if (w->n_borders[k]) {
+        beside1 = n_beside == 1 ? k : beside1;
+        beside0 = n_beside == 0 ? k : beside0;
+        ++n_beside;
+      }
+    const int is_foot = best.feature == 0  ? t == face
+                        : best.feature < 4 ? item == beside0 || item == beside1
+                                           : n_borders > 0;
+    const real hold = held_by_distance(&foot, there);
+    const int has_both = n_beside == 2;
+    const Held held =
+        held_by(&foot, other, there, mine.at, hold,
+                has_both ? s->triangles + (long)w->number[beside0] * TRIANGLE_REALS : 0,
+                has_both ? s->triangles + (long)w->number[beside1] * TRIANGLE_REALS : 0);
+    w->held[item] = is_foot ? -1 : held.is_border;
+    w->hold[item] = hold;
+    w->held_distance[item] = held.distance;
+    keep_point(held.outward, w->held_outward + 3 * item);
+  }
+  local_barrier();
+  if (is_own) {
     for (int k = 0; k < count; ++k)
       for (int i = 0; i < w->n_borders[k]; ++i)
-        hold_before(&region, w->border[2 * k + i], local_point(w->border_outward + 3 * (2 * k + i)));
-  for (int k = 0; k < count && region.ball > R(0.0); ++k) {
-    if (w->held[k] < 0) continue;
-    if (k >= n_known && held_by_distance(&foot, least_distance(w->was[k], moved)) >= region.ball) break;
-    if (w->hold[k] >= region.ball) continue;
-    const Held other_held = {w->held[k], w->held_distance[k], local_point(w->held_outward + 3 * k)};
-    take(&region, other_held);
+        hold_before(&region, w->border[2 * k + i],
+                    local_point(w->border_outward + 3 * (2 * k + i)));
+    for (int k = 0; k < count && region.ball > R(0.0); ++k) {
+      if (w->held[k] < 0) continue;
+      if (k >= n_known && held_by_distance(&foot, least_distance(w->was[k], moved)) >= region.ball)
+        break;
+      if (w->hold[k] >= region.ball) continue;
+      const Held held = {w->held[k], w->held_distance[k], local_point(w->held_outward + 3 * k)};
+      take(&region, held);
+    }
+    *round = foot.round != R(0.0);
+    if (item == 0) {
+      *left = write_region(&region, &foot, u, node->record);
+      write_node_shape(node, shape_of_foot(&foot));
+    }
   }
-  if (item == 0) {
-    *left = write_region(&region, &foot, u, node->record);
-    write_node_shape(node, shape_of_foot(&foot));
-  }
-  return foot.round != R(0.0);
 }
 
 // As look_at_node; what is written is item 0's to write.
@@ -182,31 +190,23 @@ INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
   const int before = *node->zone;
   const Point X = point_at(record + RECORD_PLACE);
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
-  if (is_lost(p)) {
-    full_barrier();
-    return 0;
-  }
+  const int lost = is_lost(p);
   real left = R(0.0);
-  int nearest = 0, round;
-  int now = zone_together(s, before, before < 0 ? -1 : (int)record[RECORD_NEXT], p, node->free, w,
-                          item, &left, &nearest);
+  int nearest = 0, round = lost ? 0 : node->row_shape >> (node->lane + 1) & 1;
+  int now = zone_together(s, lost ? -1 : before, before < 0 ? -1 : (int)record[RECORD_NEXT], p,
+                          node->free, w, item, &left, &nearest);
   if (now >= 0) {
     const SlideShape shape = shape_of_zone(s->zones + (long)now * ZONE_UNIT, p);
     round = shape.round != R(0.0);
     if (now != before && item == 0) write_node_shape(node, shape);
   } else {
-    left = before < 0 ? left_in_region(record, u) : R(0.0);
-    round = node->row_shape >> (node->lane + 1) & 1;
-    if (!(left > R(0.0))) round = find_together(s, node, u, p, w, item, &now, &left, &nearest);
+    left = before < 0 && !lost ? left_in_region(record, u) : R(0.0);
   }
-  real ball = R(0.0);
-  if (now >= 0) {
-    local_barrier();
-    ball = ball_together(s->zones + (long)now * ZONE_UNIT, p, nearest, left, w, item);
-  }
-  // All have read what item 0 writes.
-  full_barrier();
-  if (item == 0) write_look(s, node, u, p, before, now, nearest, left, ball);
+  const int seeks = now < 0 && !lost && !(left > R(0.0));
+  left = seeks ? R(0.0) : left;
+  find_together(s, node, u, p, seeks, w, item, &now, &left, &nearest, &round);
+  const real ball = ball_together(s, now, p, nearest, left, w, item);
+  if (item == 0 && !lost) write_look(s, node, u, p, before, now, nearest, left, ball);
   return round;
 }
 
@@ -224,7 +224,8 @@ __kernel __attribute__((reqd_work_group_size(SLIDE_ITEMS, 1, 1))) void slide_que
   for (int k = (int)get_group_id(0); k < n_waiting; k += (int)get_num_groups(0)) {
     const int place = slide_queue[SLIDE_WAITING + k], lane = place % TLED_LANES;
     const SlideRow row = row_of(&arrays, place / TLED_LANES, lane);
-    const SlideNode node = node_of(&row, lane, row.ints[SLIDE_SURFACE * TLED_LANES + lane]);
+    SlideNode node;
+    name_node(&row, lane, row.ints[SLIDE_SURFACE * TLED_LANES + lane], &node);
     __global real* at = u_next + row.dof;
     const Points seen = lanes_of(at);
     const Point u = {seen.x, seen.y, seen.z};

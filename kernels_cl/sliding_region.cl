@@ -19,15 +19,13 @@ typedef struct {
   Point outward[REGION_MOST_BORDERS];
 } Region;
 
-INLINE Region ball_of(real radius) {
+INLINE void begin_region(Region* region, real ball) {
   const Point nowhere = {R(0.0), R(0.0), R(0.0)};
-  Region region;
-  region.ball = radius;
+  region->ball = ball;
   for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    region.within[k] = NO_BORDER;
-    region.outward[k] = nowhere;
+    region->within[k] = NO_BORDER;
+    region->outward[k] = nowhere;
   }
-  return region;
 }
 INLINE void hold_within(Region* region, real distance) {
   region->ball = distance < region->ball ? distance : region->ball;
@@ -135,48 +133,47 @@ typedef struct {
 } Foot;
 
 // The foot, and the region without other triangles; `ball` holds the candidates.
-INLINE Foot foot_of(__global const real* triangle, Nearest best, Point p, real distance, int free,
-                    real ball, Region* region) {
+INLINE void find_foot(__global const real* triangle, Nearest best, Point p, real distance, int free,
+                      real ball, Foot* foot, Region* region) {
   const Point away = minus(p, best.at);
-  Foot foot;
-  foot.triangle = triangle;
-  foot.feature = best.feature;
-  foot.p = p;
-  foot.distance = distance;
-  foot.first = point_at(triangle);
-  foot.normal = point_at(triangle + TRIANGLE_NORMAL);
-  const real size = square_root_of(inner(minus(point_at(triangle + 3), foot.first),
-                                         minus(point_at(triangle + 3), foot.first)));
-  foot.flat = FLAT * square_root_of(inner(p, p)) + FLAT * size;
-  *region = ball_of(ball);
-  foot.n = foot.normal;
-  foot.on = foot.far_end = foot.first;
+  foot->triangle = triangle;
+  foot->feature = best.feature;
+  foot->p = p;
+  foot->distance = distance;
+  foot->first = point_at(triangle);
+  foot->normal = point_at(triangle + TRIANGLE_NORMAL);
+  const real size = square_root_of(inner(minus(point_at(triangle + 3), foot->first),
+                                         minus(point_at(triangle + 3), foot->first)));
+  foot->flat = FLAT * square_root_of(inner(p, p)) + FLAT * size;
+  begin_region(region, ball);
+  foot->n = foot->normal;
+  foot->on = foot->far_end = foot->first;
   const Point nowhere = {R(0.0), R(0.0), R(0.0)};
-  foot.axis = nowhere;
-  foot.round = R(0.0);
+  foot->axis = nowhere;
+  foot->round = R(0.0);
   if (best.feature == 0) {
-    foot.side = inner(away, foot.normal) < R(0.0) ? R(-1.0) : R(1.0);
+    foot->side = inner(away, foot->normal) < R(0.0) ? R(-1.0) : R(1.0);
     hold_over_face(region, triangle, p);
-    return foot;
+    return;
   }
   const Point pseudo =
       point_at(triangle + (best.feature < 4 ? TRIANGLE_EDGES + 3 * (best.feature - 1)
                                             : TRIANGLE_VERTICES + 3 * (best.feature - 4)));
-  foot.side = inner(away, pseudo) < R(0.0) ? R(-1.0) : R(1.0);
+  foot->side = inner(away, pseudo) < R(0.0) ? R(-1.0) : R(1.0);
   // Within rounding of the surface the way to it has no direction: the pseudonormal has.
   const int has_way = distance > R(1e-6) * size;
-  foot.n = has_way ? times(foot.side / distance, away) : pseudo;
-  foot.on = best.at;
+  foot->n = has_way ? times(foot->side / distance, away) : pseudo;
+  foot->on = best.at;
   // Held components, and no way: a plane for this step alone.
   if (free != 7 || !has_way) {
     region->ball = R(0.0);
-    return foot;
+    return;
   }
-  foot.round = foot.side;
+  foot->round = foot->side;
   hold_within(region, distance);
   if (best.feature > 3) {
-    foot.on = point_at(triangle + 3 * (best.feature - 4));
-    return foot;
+    foot->on = point_at(triangle + 3 * (best.feature - 4));
+    return;
   }
   Point on = point_at(triangle + 3 * (best.feature - 1)),
         far_end = point_at(triangle + 3 * (best.feature % 3));
@@ -187,14 +184,13 @@ INLINE Foot foot_of(__global const real* triangle, Nearest best, Point p, real d
     on = far_end;
     far_end = swap;
   }
-  foot.on = on;
-  foot.far_end = far_end;
+  foot->on = on;
+  foot->far_end = far_end;
   const Point along = minus(far_end, on);
-  foot.axis = unit_of(along);
-  const real at = inner(foot.axis, minus(p, on));
-  hold_before(region, at, times(R(-1.0), foot.axis));
-  hold_before(region, square_root_of(inner(along, along)) - at, foot.axis);
-  return foot;
+  foot->axis = unit_of(along);
+  const real at = inner(foot->axis, minus(p, on));
+  hold_before(region, at, times(R(-1.0), foot->axis));
+  hold_before(region, square_root_of(inner(along, along)) - at, foot->axis);
 }
 
 // Borders that a triangle beside the foot's edge or about its corner adds: how many. What lies behind both
@@ -364,7 +360,8 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
   }
   __global const real* triangle = s->triangles + (long)face * TRIANGLE_REALS;
   Region region;
-  const Foot foot = foot_of(triangle, best, p, distance, node->free, reals[3] - moved, &region);
+  Foot foot;
+  find_foot(triangle, best, p, distance, node->free, reals[3] - moved, &foot, &region);
   __global const real* beside[2] = {triangle, triangle};
   int n_beside = 0;
   if (foot.round != R(0.0))

@@ -122,7 +122,7 @@ typedef struct {
   real edge, margin, gap;    // way to the nearest side of its own; squared way to the grid
 } Rings;
 
-INLINE Rings rings_about(const SlideSurfaces* s, int surface, Point p) {
+INLINE void rings_about(const SlideSurfaces* s, int surface, Point p, Rings* rings) {
   __global const int* grid = s->grids + surface * GRID_INTS;
   __global const real* low = s->grid_reals + surface * GRID_REALS;
   const real edge = low[3];
@@ -138,8 +138,14 @@ INLINE Rings rings_about(const SlideSurfaces* s, int surface, Point p) {
              bz = beyond(p.z, low[2], edge, nz);
   int longest = nx > ny ? nx : ny;
   longest = nz > longest ? nz : longest;
-  const Rings rings = {grid, cx, cy, cz, longest, edge, margin, bx * bx + by * by + bz * bz};
-  return rings;
+  rings->grid = grid;
+  rings->x = cx;
+  rings->y = cy;
+  rings->z = cz;
+  rings->longest = longest;
+  rings->edge = edge;
+  rings->margin = margin;
+  rings->gap = bx * bx + by * by + bz * bz;
 }
 
 // Whether no triangle beyond this ring is nearer. Cells there are at least so far from the grid's place
@@ -166,7 +172,8 @@ INLINE void look_into_cell(const SlideSurfaces* s, const Rings* rings, int x, in
 // Squared distance of the surface's nearest triangle, by rings of cells about the place; its number
 // goes to *face, of equally near ones the lowest.
 OUT_OF_LINE real nearest_in_grid(const SlideSurfaces* s, int surface, Point p, int* face) {
-  const Rings rings = rings_about(s, surface, p);
+  Rings rings;
+  rings_about(s, surface, p, &rings);
   const int nx = rings.grid[0], ny = rings.grid[1], nz = rings.grid[2];
   const int cx = rings.x, cy = rings.y, cz = rings.z;
   real best = R(-1.0);

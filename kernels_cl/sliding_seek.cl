@@ -2,6 +2,10 @@
 // does, with the same parts. Cells of the box are dealt out to items, then the triangles in them, then those
 // whose ball is near. What is found is a set, and its nearest are told by their ranks by distance, of equal
 // ones by number: nothing depends on which item is first.
+//
+// Barriers stand in no branch, in loops only, that are gone through once at least and as often by all items:
+// what is not asked for is passed with nothing to do. (A compiler that turns a group into loops, as PoCL,
+// copies all that comes after a branch with a barrier.)
 
 // Items of a work-group, one for each candidate; cells and triangles that it looks at in a round.
 #define SLIDE_ITEMS 32
@@ -17,7 +21,8 @@
 // Local memory of a work-group.
 typedef struct {
   // Of borders of one or two zones.
-  real ahead[2 * ZONE_MOST_BORDERS], behind[2 * ZONE_MOST_BORDERS], nears[ZONE_MOST_BORDERS];
+  real ahead[2 * ZONE_MOST_BORDERS], behind[2 * ZONE_MOST_BORDERS];
+  real farther[ZONE_MOST_BORDERS], nears[ZONE_MOST_BORDERS];
   // Of candidates: what is nearest in each, and what each adds to a region.
   real square[SLIDE_ITEMS], distance[SLIDE_ITEMS], was[SLIDE_ITEMS], at[3 * SLIDE_ITEMS];
   int number[SLIDE_ITEMS], feature[SLIDE_ITEMS];
@@ -52,14 +57,15 @@ INLINE Cell cell_of_ring(int ring, int k) {
   return cell;
 }
 
-// Squared distance of the surface's nearest triangle, as nearest_in_grid.
-INLINE real nearest_together(const SlideSurfaces* s, int surface, Point p, __local Together* w,
-                             int item) {
-  const Rings rings = rings_about(s, surface, p);
+// Squared distance of the surface's nearest triangle, as nearest_in_grid, where it is asked for.
+INLINE real nearest_together(const SlideSurfaces* s, int surface, Point p, int seeks,
+                             __local Together* w, int item) {
+  Rings rings;
+  rings_about(s, surface, p, &rings);
   real best = R(-1.0);
-  int face = -1, seeks = 1;
-  for (int ring = 0; seeks && ring < rings.longest; ++ring) {
-    const int n_cells = ring ? 24 * ring * ring + 2 : 1;
+  int face = -1, ring = 0;
+  do {
+    const int n_cells = !seeks ? 0 : ring ? 24 * ring * ring + 2 : 1;
     for (int k = item; k < n_cells; k += SLIDE_ITEMS) {
       const Cell cell = cell_of_ring(ring, k);
       const int x = rings.x + cell.x, y = rings.y + cell.y, z = rings.z + cell.z;
@@ -75,8 +81,9 @@ INLINE real nearest_together(const SlideSurfaces* s, int surface, Point p, __loc
         best = w->square[k];
         face = w->number[k];
       }
-    seeks = face < 0 || !is_within_ring(&rings, ring, best);
-  }
+    seeks = seeks && (face < 0 || !is_within_ring(&rings, ring, best)) && ring + 1 < rings.longest;
+    ++ring;
+  } while (seeks);
   return best;
 }
 
@@ -89,9 +96,8 @@ INLINE int is_new(volatile __local int* set, int t) {
   }
 }
 
-// The nearest of those found go to w->kept in their order: how many. Where there are others, *limit is the
-// distance of the nearest of these.
-INLINE int keep_nearest(__local Together* w, int n_found, real* limit, int item) {
+// Ranks of those found: the nearest, and one more, go to w->kept in their order.
+INLINE void rank_found(__local Together* w, int n_found, int item) {
   for (int k = item; k < n_found; k += SLIDE_ITEMS) {
     const real distance = w->found_distance[k];
     const int t = w->found[k];
@@ -103,34 +109,38 @@ INLINE int keep_nearest(__local Together* w, int n_found, real* limit, int item)
       w->kept_distance[rank] = distance;
     }
   }
-  local_barrier();
-  if (n_found <= SLIDE_MOST) return n_found;
-  *limit = w->kept_distance[SLIDE_MOST];
-  return SLIDE_MOST;
 }
+// From where on triangles are missing where some were ranked behind those that are kept.
+INLINE real limit_of(const __local Together* w, int n_found, real limit) {
+  return n_found > SLIDE_MOST ? w->kept_distance[SLIDE_MOST] : limit;
+}
+INLINE int most_kept(int n_found) { return n_found < SLIDE_MOST ? n_found : SLIDE_MOST; }
 
-// Level 4, as seek_candidates.
-INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, __global int* candidates,
-                          __global real* reals, __local Together* w, int item) {
+// Level 4, as seek_candidates, where it is asked for (`seeks`).
+INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, int seeks,
+                          __global int* candidates, __global real* reals, __local Together* w,
+                          int item) {
   __global const int* grid = s->grids + surface * GRID_INTS;
   __global const real* low = s->grid_reals + surface * GRID_REALS;
-  const int n_known = candidates[0];
+  const int n_known = seeks ? candidates[0] : 0;
   if (item < n_known)
     w->square[item] =
         closest_on_triangle(s->triangles + (long)candidates[1 + item] * TRIANGLE_REALS, p).square;
-  for (int k = item; k < SEEK_SET; k += SLIDE_ITEMS) w->set[k] = 0;
+  for (int k = item; seeks && k < SEEK_SET; k += SLIDE_ITEMS) w->set[k] = 0;
   if (item == 0) w->n_close = w->n_found = 0;
-  local_barrier();
+  full_barrier();  // all have read what is written in the end
   real first = R(-1.0);
   for (int k = 0; k < n_known; ++k)
     first = first < R(0.0) || w->square[k] < first ? w->square[k] : first;
-  if (first < R(0.0)) first = nearest_together(s, surface, p, w, item);
+  const int is_far = seeks && first < R(0.0);
+  const real nearest = nearest_together(s, surface, p, is_far, w, item);
   // Triangles from here on may be missing.
-  real limit = far_enough(first, low[3]);
+  real limit = far_enough(is_far ? nearest : first, low[3]);
   const CellBox box = cells_about(grid, low, p, limit);
-  const int nx = box.x1 - box.x0 + 1, ny = box.y1 - box.y0 + 1, n_cells = nx * ny * (box.z1 - box.z0 + 1);
-  int in_set = 0;
-  for (int base = 0; base < n_cells; base += SEEK_ROUND) {
+  const int nx = box.x1 - box.x0 + 1, ny = box.y1 - box.y0 + 1, nz = box.z1 - box.z0 + 1,
+            n_cells = seeks ? nx * ny * nz : 0;
+  int in_set = 0, base = 0;
+  do {
     int begin[SEEK_EACH], n_in[SEEK_EACH], mine = 0;
     for (int j = 0; j < SEEK_EACH; ++j) {
       const int k = base + j * SLIDE_ITEMS + item, is = k < n_cells;
@@ -150,11 +160,15 @@ INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, __global
       total += w->total[k];
     }
     // In the cells' order, a round's worth at a time.
-    for (int from = 0; from < total; from += SEEK_ROUND) {
+    int from = 0;
+    do {
       const int to = total < from + SEEK_ROUND ? total : from + SEEK_ROUND;
-      for (int j = 0, at = offset; j < SEEK_EACH; at += n_in[j++]) {
+      int at = offset;
+#pragma unroll
+      for (int j = 0; j < SEEK_EACH; ++j) {
         const int end = at + n_in[j] < to ? at + n_in[j] : to;
         for (int e = at > from ? at : from; e < end; ++e) w->entries[e - from] = begin[j] + e - at;
+        at += n_in[j];
       }
       local_barrier();
       // What the items read is on its way together, for each and among them.
@@ -166,7 +180,8 @@ INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, __global
         t[j] = from + e < to ? s->cell_triangles[w->entries[e]] : -1;
       }
       for (int j = 0; j < SEEK_EACH; ++j) {
-        __global const real* ball = s->triangles + (long)(t[j] < 0 ? 0 : t[j]) * TRIANGLE_REALS + TRIANGLE_BALL;
+        __global const real* ball =
+            s->triangles + (long)(t[j] < 0 ? 0 : t[j]) * TRIANGLE_REALS + TRIANGLE_BALL;
         centre[j] = point_at(ball);
         radius[j] = ball[3];
       }
@@ -179,40 +194,48 @@ INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, __global
         const int near = w->close[k];
         const real distance = square_root_of(
             closest_on_triangle(s->triangles + (long)near * TRIANGLE_REALS, p).square);
-        if (distance >= limit) continue;
-        const int at = atomic_inc(&w->n_found);
-        w->found[at] = near;
-        w->found_distance[at] = distance;
+        if (distance < limit) {
+          const int at = atomic_inc(&w->n_found);
+          w->found[at] = near;
+          w->found_distance[at] = distance;
+        }
       }
       local_barrier();
+      // Where another round might find no room the nearest alone go on.
       const int n_found = w->n_found;
       in_set += n_close;
+      const int is_full = n_found + SEEK_ROUND > SEEK_FOUND || 4 * (in_set + SEEK_ROUND) > 3 * SEEK_SET;
+      if (is_full) {
+        rank_found(w, n_found, item);
+        for (int k = item; k < SEEK_SET; k += SLIDE_ITEMS) w->set[k] = 0;
+      }
       local_barrier();
       if (item == 0) w->n_close = 0;
-      // Room for another round.
-      if (n_found + SEEK_ROUND > SEEK_FOUND || 4 * (in_set + SEEK_ROUND) > 3 * SEEK_SET) {
-        const int n_kept = keep_nearest(w, n_found, &limit, item);
-        for (int k = item; k < SEEK_SET; k += SLIDE_ITEMS) w->set[k] = 0;
-        local_barrier();
-        if (item == 0) w->n_found = n_kept;
-        if (item < n_kept) {
+      if (is_full) {
+        limit = limit_of(w, n_found, limit);
+        in_set = most_kept(n_found);
+        if (item == 0) w->n_found = in_set;
+        if (item < in_set) {
           w->found[item] = w->kept[item];
           w->found_distance[item] = w->kept_distance[item];
           is_new(w->set, w->kept[item]);
         }
-        in_set = n_kept;
       }
       local_barrier();
-    }
-  }
-  const int n_found = w->n_found, count = keep_nearest(w, n_found, &limit, item);
+      from += SEEK_ROUND;
+    } while (from < total);
+    base += SEEK_ROUND;
+  } while (base < n_cells);
+  const int n_found = w->n_found, count = most_kept(n_found);
+  rank_found(w, n_found, item);
+  local_barrier();
   if (item < count) {
     candidates[1 + item] = w->kept[item];
     reals[4 + item] = w->kept_distance[item];
   }
-  if (item == 0) {
+  if (seeks && item == 0) {
     candidates[0] = count;
-    write_hold(reals, p, count, w->kept_distance[0], limit);
+    write_hold(reals, p, count, w->kept_distance[0], limit_of(w, n_found, limit));
   }
   full_barrier();
 }
