@@ -252,15 +252,17 @@ INLINE void slide_row(const SlideRow* row, const SlideSurfaces* s, __global real
   if (keep_ways) keep_way(way, region);
 }
 
-// What the kernels share: what is known of the nodes, and the surfaces.
-#define TLED_SLIDING_ARGUMENTS                                                                     \
-  __global real* restrict slide_rows, __global real* restrict slide_regions,                       \
-      __global real* restrict slide_records, __global int* restrict slide_heads,                   \
-      __global int* restrict slide_ints, __global int* restrict candidates,                        \
-      __global real* restrict candidate_reals, __global const real* restrict triangles,            \
+// What the kernels share: what is known of the nodes, and the surfaces. exclusive: restrict, where no
+// work-item reads what another has written.
+#define TLED_SLIDING_ARGUMENTS_OF(exclusive)                                                       \
+  __global real* exclusive slide_rows, __global real* exclusive slide_regions,                     \
+      __global real* exclusive slide_records, __global int* exclusive slide_heads,                 \
+      __global int* exclusive slide_ints, __global int* exclusive candidates,                      \
+      __global real* exclusive candidate_reals, __global const real* restrict triangles,           \
       __global const int* restrict grids, __global const real* restrict grid_reals,                \
       __global const int* restrict cell_begin, __global const int* restrict cell_triangles,        \
       __global const real* restrict zones, __global const int* restrict triangle_zones
+#define TLED_SLIDING_ARGUMENTS TLED_SLIDING_ARGUMENTS_OF(restrict)
 #define TLED_SLIDE_ARRAYS \
   {slide_rows, slide_regions, slide_records, slide_heads, slide_ints, candidates, candidate_reals}
 #define TLED_SLIDE_SURFACES \

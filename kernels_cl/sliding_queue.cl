@@ -213,7 +213,7 @@ INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
 // Work-group: a node of the queue at a time. Moves it to its distance in u_next, as slide_nodes. The number
 // of those that wait for the next step becomes 0.
 __kernel __attribute__((reqd_work_group_size(SLIDE_ITEMS, 1, 1))) void slide_queued(
-    TLED_SLIDING_ARGUMENTS, __global int* restrict slide_queue, __global real* restrict u_next,
+    TLED_SLIDING_ARGUMENTS_OF(), __global int* slide_queue, __global real* u_next,
     int parity, int keep_ways) {
   __local Together w;
   const int item = (int)get_local_id(0);
