@@ -29,6 +29,9 @@ using Clock = std::chrono::steady_clock;
 // smaller body of the same make.
 constexpr std::size_t kLarge = 2000000, kCountedElements = 130000;
 constexpr std::size_t kCheckedSteps = 50, kFewSteps = 10, kProfiledSteps = 20;
+// Steps of a block at most: contracted bodies that nobody damps or looks at go on for some thousand
+// steps, then their step is too long. A GPU would be there within a second.
+constexpr double kLongest = 250;
 // Share of the largest energy that may be missing after the checked steps.
 constexpr double kEnergyBound = 0.02;
 
@@ -140,7 +143,7 @@ std::string measure(std::shared_ptr<Device> device, const MeasureOptions& option
   std::size_t steps = options.block_steps;
   if (steps == 0)
     steps = static_cast<std::size_t>(
-        std::clamp(std::ceil(wanted / solver_block(large ? 1 : 10)), 1.0, large ? 50.0 : 5000.0));
+        std::clamp(std::ceil(wanted / solver_block(large ? 1 : 10)), 1.0, large ? 50.0 : kLongest));
   Rounds r;
   for (int round = 0; round < options.rounds; ++round) {
     r.axpy.push_back(roofline.axpy(wanted));

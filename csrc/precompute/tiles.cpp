@@ -121,8 +121,8 @@ int tile_depth(const SolverArrays& arrays, const TileShape& shape, std::size_t n
       shape.width > kMostElements || shape.rows > kMostElements)
     throw InputError("tile: got " + std::to_string(shape.width) + " x " +
                      std::to_string(shape.rows) + " elements and " + std::to_string(shape.depth) +
-                     " planes; allowed are 2 x 3 or 3 x 2 to " + std::to_string(kMostElements) + " x " +
-                     std::to_string(kMostElements) + ", and 0 (chosen) or more");
+                     " planes; allowed are 2 x 3 or 3 x 2 to " + std::to_string(kMostElements) +
+                     " x " + std::to_string(kMostElements) + ", and 0 (chosen) or more");
   if (shape.depth) return shape.depth;
   const std::size_t n_tiles =
                         std::max<std::size_t>(1, n_items / (std::size_t(shape.width) * shape.rows)),

@@ -21,8 +21,9 @@ constexpr std::uint8_t kLayout = 3;
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Where slide_still and slide_queued take whether ways back are kept.
 constexpr unsigned kStillKeepsWays = 7, kQueuedKeepsWays = 17;
-// Off: slide_queued reads beyond its local memory on PoCL after some hundred steps, not understood yet.
-constexpr bool kQueues = false;
+// Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain
+// from groups, and PoCL 3.1 computes slide_queued wrongly (docs/explanation/gpu-kernels.md).
+bool queues(const Device& device) { return device.info().kind == "gpu"; }
 // Work-items of a group of slide_queued (SLIDE_ITEMS), and groups of it that a compute unit gets at
 // most: as many as there is room for, so that each has a node or two.
 constexpr std::size_t kQueueGroup = 32, kQueueGroupsPerUnit = 16;
@@ -226,7 +227,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   cell_triangles_ = integers(grids.cell_triangles);
   for (Group& group : groups_)
     for (auto& kernel : group.kernel) kernel = program.kernel("slide_nodes");
-  if (kQueues && !vector_rows && !has_laws_) {
+  if (queues(device) && !vector_rows && !has_laws_) {
     queue_ = integers(std::vector<std::int32_t>(SLIDE_WAITING + n_nodes_, 0));
     n_groups_ = std::min<std::size_t>(
         n_nodes_, kQueueGroupsPerUnit * std::max(1u, device.info().compute_units));

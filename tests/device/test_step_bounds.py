@@ -343,11 +343,14 @@ print(*map(repr, found), hash(sim._core.node_squares().tobytes()))
 """
 
 
+HERE = str(Path(__file__).parent)
+
+
 def test_threads_do_not_change_a_bit():
     said = {
         subprocess.run(
             [sys.executable, "-c", THREADS],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]),
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([HERE, *sys.path]),
                  "PYTHONHASHSEED": "0", "TLEDFACE_NUM_THREADS": str(n)},
             capture_output=True, text=True, check=True, timeout=120,
         ).stdout

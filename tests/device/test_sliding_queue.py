@@ -1,0 +1,79 @@
+"""Nodes that left their balls, looked at by work-groups: as on the host, without races."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from test_oclgrind import KERNELS, oclgrind  # noqa: F401  (a fixture)
+
+SPEED, STEPS = 40, 8  # times the benchmark's: nodes change triangles within these steps
+
+PROGRAM = """
+import sys
+import numpy as np
+from tledface import _core, device
+kernels, file, speed, steps = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
+found = "native" if kernels == "rows" else "opencl:0"
+body = _core.Workload("face", 300)
+core = _core.Simulator(
+    device.resolve(found), body.model, precision="single", hourglass="physical", kappa=0.075,
+    damping=0.0, kernels=kernels, sliding=body.sliding,
+)
+core.dt = 0.8 * core.bound_at_rest()[0]
+velocity = np.zeros((body.n_nodes, 3))
+velocity[:, 1] = speed * body.speed / core.dt
+core.set_state(np.zeros_like(velocity), velocity, 0.0)
+core.step(steps, np.zeros((steps, 1)))
+core.finish()
+np.save(file, core.displacement())
+"""
+
+
+def displacement(folder, kernels, **environment):
+    file = folder / f"{kernels}.npy"
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, kernels, str(file), str(SPEED), str(STEPS)],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return np.load(file)
+
+
+def under(library, log, **environment):
+    return {
+        "TLEDFACE_OPENCL_LIBRARY": str(library),
+        "OCLGRIND_DATA_RACES": "1",
+        "OCLGRIND_CHECK_API": "1",
+        "OCLGRIND_MAX_ERRORS": "20",
+        "OCLGRIND_LOG": str(log),
+        **environment,
+    }
+
+
+@pytest.mark.parametrize("kernels", ["gather", "tile"])
+def test_groups_find_what_a_single_item_finds(oclgrind, tmp_path, kernels):  # noqa: F811
+    """The first step seeks every node's surface (levels 3 and 4), later ones change zones."""
+    log = tmp_path / "log"
+    u = displacement(tmp_path, kernels, **under(oclgrind, log))
+    assert not log.exists() or log.read_text() == ""
+    expected = displacement(tmp_path, "rows")
+    assert abs(expected).max() > 0.2e-3
+    assert abs(u - expected).max() < 2e-6 * abs(expected).max()
+
+
+def test_a_race_for_the_queue_is_seen(oclgrind, tmp_path):  # noqa: F811
+    folder = tmp_path / "kernels"
+    shutil.copytree(KERNELS, folder)
+    file = folder / "sliding_still.cl"
+    text, counted = file.read_text(), "atomic_inc(slide_queue + parity)"
+    assert text.count(counted) == 1
+    file.write_text(text.replace(counted, "slide_queue[parity]++"))
+    log = tmp_path / "log"
+    displacement(tmp_path, "gather", **under(oclgrind, log, TLEDFACE_KERNELS=str(folder)))
+    assert "data race at global memory" in log.read_text()
