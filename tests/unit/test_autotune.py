@@ -159,7 +159,7 @@ def test_auto_is_timed_on_gpus_only(monkeypatch):
     assert not asked and not told
     tune(gpu, precision="single", hourglass="joldes")
     assert asked == [gpu]
-    kernels = {"kernels": "tile", "tile": (16, 8, 0), "registers": 128}
+    kernels = {"kernels": "tile", "tile": (16, 8, 0), "registers": 96}
     assert told == [("opencl:7", "single", "joldes", kernels)]
     monkeypatch.setenv("TLEDFACE_AUTOTUNE", "0")
     tune(gpu, precision="single", hourglass="joldes")
@@ -171,7 +171,7 @@ def test_a_simulator_takes_what_was_chosen(device, monkeypatch):
     model = tf.Model.block(cells=(8, 4, 4), size=(8e-3, 4e-3, 4e-3), material=soft)
 
     def tuned(device, *, precision, hourglass):
-        chosen = {"kernels": "tile", "tile": (16, 16, 0), "registers": 128}
+        chosen = {"kernels": "tile", "tile": (16, 16, 0), "registers": 96}
         _core.choose_kernels(device.info.id, precision, hourglass, **chosen)
 
     monkeypatch.setattr("tledface.simulator.tune", tuned)

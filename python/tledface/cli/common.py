@@ -18,6 +18,7 @@ __all__ = ["AsJson", "Device", "Force", "Group", "Quiet", "give"]
 Device = Annotated[
     str,
     typer.Option(
+        "--device",
         metavar="DEVICE",
         help="auto (a working GPU, else native), native (CPU, needs no driver), opencl (the "
         "first that works) or opencl:N.",

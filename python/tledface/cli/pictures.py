@@ -24,6 +24,7 @@ def render(
     view: Annotated[
         list[str] | None,
         typer.Option(
+            "--view",
             metavar="VIEW",
             help="front (from -y, +z up), back, side (from +x), top; of a run also oblique, a side "
             "as -y, or a direction as 0.3,-1,0.2; may be given several times.",
@@ -33,6 +34,7 @@ def render(
     cut: Annotated[
         list[str] | None,
         typer.Option(
+            "--cut",
             metavar="AXIS=PLACE",
             help='Cut a model, or a run\'s stress, there, as x=0 or "z=1550 mm" (mm without a '
             "unit); may be given several times.",
@@ -48,6 +50,7 @@ def render(
     at: Annotated[
         str | None,
         typer.Option(
+            "--at",
             metavar="TIME",
             help='Of a run: the frame to show, as "30 ms", instead of the last.',
             show_default="the last",

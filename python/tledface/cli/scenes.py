@@ -137,6 +137,7 @@ def resume(
     device: Annotated[
         str | None,
         typer.Option(
+            "--device",
             metavar="DEVICE",
             help="As for run; another than before ends with other bits.",
             show_default="the run's own",
