@@ -154,8 +154,7 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
         load_face(u, blocks, block + 1, &high);
         ElementForce e;
         row_element(t, &low, &high, links, links[BLOCK_MATERIAL], block, 0,
-                    !forces_only && !nodes.seed, physical, cube,
-                    &e);
+                    !forces_only && !nodes.seed, physical, cube, &e);
         if (weight != R(1.0)) weigh_element(&e, weight);
         finish_component(nodes, element_force_x(&e, &carried, physical), 0, forces_only);
         finish_component(nodes, element_force_y(&e, &carried, physical), 1, forces_only);

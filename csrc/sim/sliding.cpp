@@ -214,12 +214,11 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   // A radius of 0: sought at the first step.
   candidate_reals_ = reals(std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
   triangles_ = reals(grids.triangles);
-  const Zones zones = make_zones(grids, reach_of(given, grids), rounding_of(precision));
+  Zones zones = make_zones(grids, reach_of(given, grids), rounding_of(precision));
   // Behind the last there is room for the borders of a full one: they are read before their number
   // is.
-  std::vector<double> zone_reals = zones.reals;
-  zone_reals.resize(zone_reals.size() + ZONE_BORDER + ZONE_MOST_BORDERS * ZONE_BORDER_REALS, 0.0);
-  zones_ = reals(zone_reals);
+  zones.reals.resize(zones.reals.size() + ZONE_BORDER + ZONE_MOST_BORDERS * ZONE_BORDER_REALS, 0.0);
+  zones_ = reals(zones.reals);
   triangle_zones_ = integers(zones.of_triangle);
   grids_ = integers(grids.grids);
   grid_reals_ = reals(grids.grid_reals);
