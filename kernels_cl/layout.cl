@@ -106,11 +106,12 @@
 // places are, of each plane from the one below its first node to the one above its last, of each
 // row from that of its first elements to the one behind its last, the blocks of
 // TLED_TILE_BLOCKS chunks in x; the empty block where there is none.
-#define TLED_TILE_INTS 4
+#define TLED_TILE_INTS 5
 #define TILE_PLACES 0  // first of its places
 #define TILE_PLANES 1  // of nodes
 #define TILE_LANE 2    // of its first elements, in the first of the chunks
 #define TILE_CHUNK 3   // the first of the chunks; -1 where its first elements are before all nodes
+#define TILE_FIRST 4   // 0; 1 where nothing is below its first plane of nodes, which it then begins with
 #define TLED_TILE_BLOCKS(width, lanes) (((width) + (lanes) - 1) / (lanes) + 1)
 
 // Reals that a work-item of tile.cl hands to others: forces on three corners.

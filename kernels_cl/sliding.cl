@@ -311,3 +311,19 @@ __kernel void slide_nodes(TLED_SLIDING_ARGUMENTS, __global real* restrict u_next
       has_laws ? slide_laws + (long)place * TLED_LANES * SLIDE_LAWS + first : 0;
   slide_row(&row, &surfaces, u_next, u_now, laws, of_level, keep_ways);
 }
+
+// After a step of kernels that do not keep them: the ways back, for reactions. Work-item: a row, or one node
+// where rows are no vectors.
+__kernel void keep_ways_back(TLED_SLIDING_ARGUMENTS, __global const real* restrict u_next, int n_items) {
+  const int item = (int)get_global_id(0);
+  if (item >= n_items) return;
+#if TLED_VECTOR_ROWS
+  const int place = item, first = 0;
+#else
+  const int place = item / TLED_LANES, first = item % TLED_LANES;
+#endif
+  const SlideArrays arrays = TLED_SLIDE_ARRAYS;
+  const SlideRow row = row_of(&arrays, place, first);
+  keep_way(way_back(row.rows + first, row.regions + first, *row.shape, lanes_of(u_next + row.dof)),
+           row.regions + first);
+}

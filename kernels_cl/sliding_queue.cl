@@ -12,8 +12,8 @@ INLINE int zone_together(const SlideSurfaces* s, int zone, int guess, Point p, i
                          __local Together* w, int item, real* left, int* nearest) {
   const int mine = item % ZONE_MOST_BORDERS, is_first = item < ZONE_MOST_BORDERS;
   int found = -1, hop = 0;
-  do {
-    const int first = zone < 0 ? 0 : zone, second = guess < 0 ? first : guess;
+  while (zone >= 0) {
+    const int first = zone, second = guess < 0 ? first : guess;
     __global const real* in = s->zones + (long)(is_first ? first : second) * ZONE_UNIT;
     __global const real* border = in + ZONE_BORDER + mine * ZONE_BORDER_REALS;
     // Read without waiting for their number: behind the last zone there is room (csrc/sim/sliding).
@@ -37,22 +37,22 @@ INLINE int zone_together(const SlideSurfaces* s, int zone, int guess, Point p, i
     zone = hop <= MOST_HOPS ? zone : -1;
     guess = -1;
     local_barrier();
-  } while (zone >= 0);
+  }
   return found;
 }
 
-// As ball_in_zone, where there is a `zone`.
+// As ball_in_zone.
 INLINE real ball_together(const SlideSurfaces* s, int zone, Point p, int nearest, real left,
                           __local Together* w, int item) {
-  __global const real* in = s->zones + (long)(zone < 0 ? 0 : zone) * ZONE_UNIT;
-  const int count = zone < 0 ? 0 : (int)in[ZONE_COUNT];
+  __global const real* in = s->zones + (long)zone * ZONE_UNIT;
+  const int count = (int)in[ZONE_COUNT];
   if (item < count) {
     const Point outward = point_at(in + ZONE_BORDER + nearest * ZONE_BORDER_REALS);
     __global const real* border = in + ZONE_BORDER + item * ZONE_BORDER_REALS;
     w->farther[item] = ahead_of(border, p) - left;
     w->nears[item] = nears_along(border, outward);
   }
-  full_barrier();  // all have read what item 0 writes next
+  local_barrier();
   real most = MOST_GROWTH;
   for (int k = 0; k < count; ++k) most = growth_before(most, w->farther[k], w->nears[k]);
   return grown(left, most);
@@ -68,26 +68,87 @@ INLINE void keep_point(Point p, __local real* at) {
   at[2] = p.z;
 }
 
-// Levels 3 and 4 as find_surface where they are asked for (`seeks`): an item a candidate. What is
-// written is item 0's to write, `round` is left alone where nothing is sought.
-INLINE void find_together(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int seeks,
-                          __local Together* w, int item, int* zone, real* left, int* nearest,
-                          int* round) {
+// The region of a node's own about its nearest part, which candidates of the last search hold: as the end
+// of find_surface. best: of triangle `face` at `distance`; n_known: candidates that it was sought among;
+// mine: nearest of the item's own, at `there`; moved: since that search.
+INLINE real own_region_together(const SlideSurfaces* s, const SlideNode* node, Point u, Point p,
+                                int face, Nearest best, real distance, int n_known, real moved,
+                                Nearest mine, real there, __local Together* w, int item,
+                                int* round) {
+  const int count = node->candidates[0], is = item < count, t = w->number[item];
+  __global const real* other = s->triangles + (long)t * TRIANGLE_REALS;
+  Region region;
+  Foot foot;
+  Border one, two;
+  find_foot(s->triangles + (long)face * TRIANGLE_REALS, best, p, distance, node->free,
+            node->candidate_reals[3] - moved, &foot, &region);
+  const int n_borders = is && foot.round != R(0.0) ? borders_beside(&foot, other, &one, &two) : 0;
+  if (n_borders > 0) {
+    w->border[2 * item] = one.distance;
+    keep_point(one.outward, w->border_outward + 6 * item);
+  }
+  if (n_borders > 1) {
+    w->border[2 * item + 1] = two.distance;
+    keep_point(two.outward, w->border_outward + 6 * item + 3);
+  }
+  w->n_borders[item] = n_borders;
+  local_barrier();
+  int n_beside = 0, beside0 = -1, beside1 = -1;  // the first two triangles beside an edge
+  for (int k = 0; best.feature < 4 && k < count; ++k)
+    if (w->n_borders[k]) {
+      beside1 = n_beside == 1 ? k : beside1;
+      beside0 = n_beside == 0 ? k : beside0;
+      ++n_beside;
+    }
+  const int is_foot = best.feature == 0  ? t == face
+                      : best.feature < 4 ? item == beside0 || item == beside1
+                                         : n_borders > 0;
+  const real hold = held_by_distance(&foot, there);
+  const int has_both = n_beside == 2;
+  const Held held = held_by(&foot, other, there, mine.at, hold,
+                            has_both ? s->triangles + (long)w->number[beside0] * TRIANGLE_REALS : 0,
+                            has_both ? s->triangles + (long)w->number[beside1] * TRIANGLE_REALS : 0);
+  w->held[item] = is_foot ? -1 : held.is_border;
+  w->hold[item] = hold;
+  w->held_distance[item] = held.distance;
+  keep_point(held.outward, w->held_outward + 3 * item);
+  local_barrier();
+  for (int k = 0; k < count; ++k)
+    for (int i = 0; i < w->n_borders[k]; ++i)
+      hold_before(&region, w->border[2 * k + i],
+                  local_point(w->border_outward + 3 * (2 * k + i)));
+  for (int k = 0; k < count && region.ball > R(0.0); ++k) {
+    if (w->held[k] < 0) continue;
+    if (k >= n_known && held_by_distance(&foot, least_distance(w->was[k], moved)) >= region.ball)
+      break;
+    if (w->hold[k] >= region.ball) continue;
+    const Held other_held = {w->held[k], w->held_distance[k], local_point(w->held_outward + 3 * k)};
+    take(&region, other_held);
+  }
+  *round = foot.round != R(0.0);
+  real left = R(0.0);
+  if (item == 0) {
+    left = write_region(&region, &foot, u, node->record);
+    write_node_shape(node, shape_of_foot(&foot));
+  }
+  return left;
+}
+
+// Levels 3 and 4 as find_surface: an item a candidate. What is written is item 0's to write, `round` is
+// left alone where nothing is found. The result: the zone, -1: a region of its own.
+INLINE int find_together(const SlideSurfaces* s, const SlideNode* node, Point u, Point p,
+                         __local Together* w, int item, real* left, int* nearest, int* round) {
   __global int* candidates = node->candidates;
   __global real* reals = node->candidate_reals;
-  real moved = R(0.0);
-  int starts = 0;
-  if (seeks) {
-    const Point off = minus(p, point_at(reals));
-    moved = square_root_of(inner(off, off));
-    starts = !(moved < reals[3]);
-    moved = starts ? R(0.0) : moved;
+  const Point off = minus(p, point_at(reals));
+  real moved = square_root_of(inner(off, off));
+  if (!(moved < reals[3])) {
+    seek_together(s, node->surface, p, candidates, reals, w, item);
+    moved = R(0.0);
   }
-  seek_together(s, node->surface, p, starts, candidates, reals, w, item);
-  const int count = seeks ? candidates[0] : 0, is = item < count, t = is ? candidates[1 + item] : 0;
-  __global const real* other = s->triangles + (long)t * TRIANGLE_REALS;
+  const int count = candidates[0], is = item < count, t = is ? candidates[1 + item] : 0;
   Nearest mine = {p, R(0.0), 0};
-  if (is) mine = closest_on_triangle(other, p);
+  if (is) mine = closest_on_triangle(s->triangles + (long)t * TRIANGLE_REALS, p);
   const real there = square_root_of(mine.square);
   w->square[item] = mine.square;
   w->distance[item] = there;
@@ -107,80 +168,23 @@ INLINE void find_together(const SlideSurfaces* s, const SlideNode* node, Point u
       distance = w->distance[which];
     }
   }
-  // No number is near anything.
-  *round = seeks && face < 0 ? 0 : *round;
+  *left = R(0.0);
+  if (face < 0) {  // no number is near anything
+    *round = 0;
+    return -1;
+  }
   const Nearest best = {local_point(w->at + 3 * which), square, w->feature[which]};
-  const int part = face >= 0 && best.feature < 4 ? zone_of_part(s, node, face, best.feature) : -1;
+  const int part = best.feature < 4 ? zone_of_part(s, node, face, best.feature) : -1;
   const int found = zone_together(s, part, -1, p, node->free, w, item, left, nearest);
   if (found >= 0) {
     const SlideShape shape = shape_of_zone(s->zones + (long)found * ZONE_UNIT, p);
-    *zone = found;
     *round = shape.round != R(0.0);
     if (item == 0) write_node_shape(node, shape);
+  } else {
+    *left = own_region_together(s, node, u, p, face, best, distance, n_known, moved, mine, there, w,
+                                item, round);
   }
-  // A region of its own.
-  const int is_own = face >= 0 && found < 0;
-  Region region;
-  Foot foot;
-  int n_borders = 0;
-  if (is_own) {
-    find_foot(s->triangles + (long)face * TRIANGLE_REALS, best, p, distance, node->free,
-              reals[3] - moved, &foot, &region);
-    Border one, two;
-    if (is && foot.round != R(0.0)) n_borders = borders_beside(&foot, other, &one, &two);
-    if (n_borders > 0) {
-      w->border[2 * item] = one.distance;
-      keep_point(one.outward, w->border_outward + 6 * item);
-    }
-    if (n_borders > 1) {
-      w->border[2 * item + 1] = two.distance;
-      keep_point(two.outward, w->border_outward + 6 * item + 3);
-    }
-  }
-  w->n_borders[item] = n_borders;
-  local_barrier();
-  if (is_own) {
-    int n_beside = 0, beside0 = -1, beside1 = -1;  // the first two triangles beside an edge
-    for (int k = 0; best.feature < 4 && k < count; ++k)
-      if (w->n_borders[k]) {
-        beside1 = n_beside == 1 ? k : beside1;
-        beside0 = n_beside == 0 ? k : beside0;
-        ++n_beside;
-      }
-    const int is_foot = best.feature == 0  ? t == face
-                        : best.feature < 4 ? item == beside0 || item == beside1
-                                           : n_borders > 0;
-    const real hold = held_by_distance(&foot, there);
-    const int has_both = n_beside == 2;
-    const Held held =
-        held_by(&foot, other, there, mine.at, hold,
-                has_both ? s->triangles + (long)w->number[beside0] * TRIANGLE_REALS : 0,
-                has_both ? s->triangles + (long)w->number[beside1] * TRIANGLE_REALS : 0);
-    w->held[item] = is_foot ? -1 : held.is_border;
-    w->hold[item] = hold;
-    w->held_distance[item] = held.distance;
-    keep_point(held.outward, w->held_outward + 3 * item);
-  }
-  local_barrier();
-  if (is_own) {
-    for (int k = 0; k < count; ++k)
-      for (int i = 0; i < w->n_borders[k]; ++i)
-        hold_before(&region, w->border[2 * k + i],
-                    local_point(w->border_outward + 3 * (2 * k + i)));
-    for (int k = 0; k < count && region.ball > R(0.0); ++k) {
-      if (w->held[k] < 0) continue;
-      if (k >= n_known && held_by_distance(&foot, least_distance(w->was[k], moved)) >= region.ball)
-        break;
-      if (w->hold[k] >= region.ball) continue;
-      const Held held = {w->held[k], w->held_distance[k], local_point(w->held_outward + 3 * k)};
-      take(&region, held);
-    }
-    *round = foot.round != R(0.0);
-    if (item == 0) {
-      *left = write_region(&region, &foot, u, node->record);
-      write_node_shape(node, shape_of_foot(&foot));
-    }
-  }
+  return found;
 }
 
 // As look_at_node; what is written is item 0's to write.
@@ -190,31 +194,30 @@ INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
   const int before = *node->zone;
   const Point X = point_at(record + RECORD_PLACE);
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
-  const int lost = is_lost(p);
+  if (is_lost(p)) return 0;
   real left = R(0.0);
-  int nearest = 0, round = lost ? 0 : node->row_shape >> (node->lane + 1) & 1;
-  int now = zone_together(s, lost ? -1 : before, before < 0 ? -1 : (int)record[RECORD_NEXT], p,
-                          node->free, w, item, &left, &nearest);
+  int nearest = 0, round = node->row_shape >> (node->lane + 1) & 1;
+  int now = zone_together(s, before, before < 0 ? -1 : (int)record[RECORD_NEXT], p, node->free, w,
+                          item, &left, &nearest);
   if (now >= 0) {
     const SlideShape shape = shape_of_zone(s->zones + (long)now * ZONE_UNIT, p);
     round = shape.round != R(0.0);
     if (now != before && item == 0) write_node_shape(node, shape);
   } else {
-    left = before < 0 && !lost ? left_in_region(record, u) : R(0.0);
+    left = before < 0 ? left_in_region(record, u) : R(0.0);
+    if (!(left > R(0.0)))
+      now = find_together(s, node, u, p, w, item, &left, &nearest, &round);
   }
-  const int seeks = now < 0 && !lost && !(left > R(0.0));
-  left = seeks ? R(0.0) : left;
-  find_together(s, node, u, p, seeks, w, item, &now, &left, &nearest, &round);
-  const real ball = ball_together(s, now, p, nearest, left, w, item);
-  if (item == 0 && !lost) write_look(s, node, u, p, before, now, nearest, left, ball);
+  const real ball = now >= 0 ? ball_together(s, now, p, nearest, left, w, item) : R(0.0);
+  full_barrier();  // all have read what item 0 writes
+  if (item == 0) write_look(s, node, u, p, before, now, nearest, left, ball);
   return round;
 }
 
 // Work-group: a node of the queue at a time. Moves it to its distance in u_next, as slide_nodes. The number
 // of those that wait for the next step becomes 0.
 __kernel __attribute__((reqd_work_group_size(SLIDE_ITEMS, 1, 1))) void slide_queued(
-    TLED_SLIDING_ARGUMENTS_OF(), __global int* slide_queue, __global real* u_next,
-    int parity, int keep_ways) {
+    TLED_SLIDING_ARGUMENTS_OF(), __global int* slide_queue, __global real* u_next, int parity) {
   __local Together w;
   const int item = (int)get_local_id(0);
   const SlideArrays arrays = TLED_SLIDE_ARRAYS;
@@ -233,9 +236,7 @@ __kernel __attribute__((reqd_work_group_size(SLIDE_ITEMS, 1, 1))) void slide_que
     if (item == 0) {
       const int shape = shape_with(node.row_shape, lane, round);
       *row.shape = shape;
-      const WayBack way = way_back(row.rows + lane, row.regions + lane, shape, seen);
-      store_points(moved_back(way, seen), at);
-      if (keep_ways) keep_way(way, row.regions + lane);
+      store_points(moved_back(way_back(row.rows + lane, row.regions + lane, shape, seen), seen), at);
     }
     local_barrier();
   }

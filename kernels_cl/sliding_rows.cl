@@ -78,12 +78,3 @@ INLINE void finish_queue(const SlideArrays* arrays, const SlideSurfaces* surface
   put_rows_back(arrays, surfaces, q, u_next);
   while (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);
 }
-
-// After a step of such a kernel: the ways back, for reactions. Work-item: a row.
-__kernel void keep_ways_back(TLED_SLIDING_ARGUMENTS, __global const real* restrict u_next, int n_rows) {
-  const int place = (int)get_global_id(0);
-  if (place >= n_rows) return;
-  const SlideArrays arrays = TLED_SLIDE_ARRAYS;
-  const SlideRow row = row_of(&arrays, place, 0);
-  keep_way(way_back(row.rows, row.regions, *row.shape, lanes_of(u_next + row.dof)), row.regions);
-}

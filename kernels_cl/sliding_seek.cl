@@ -2,10 +2,7 @@
 // does, with the same parts. Cells of the box are dealt out to items, then the triangles in them, then those
 // whose ball is near. What is found is a set, and its nearest are told by their ranks by distance, of equal
 // ones by number: nothing depends on which item is first.
-//
-// Barriers stand in no branch, in loops only, that are gone through once at least and as often by all items:
-// what is not asked for is passed with nothing to do. (A compiler that turns a group into loops, as PoCL,
-// copies all that comes after a branch with a barrier.)
+// What is branched on where a barrier follows is the same for all items of a group.
 
 // Items of a work-group, one for each candidate; cells and triangles that it looks at in a round.
 #define SLIDE_ITEMS 32
@@ -57,15 +54,15 @@ INLINE Cell cell_of_ring(int ring, int k) {
   return cell;
 }
 
-// Squared distance of the surface's nearest triangle, as nearest_in_grid, where it is asked for.
-INLINE real nearest_together(const SlideSurfaces* s, int surface, Point p, int seeks,
-                             __local Together* w, int item) {
+// Squared distance of the surface's nearest triangle, as nearest_in_grid.
+INLINE real nearest_together(const SlideSurfaces* s, int surface, Point p, __local Together* w,
+                             int item) {
   Rings rings;
   rings_about(s, surface, p, &rings);
   real best = R(-1.0);
-  int face = -1, ring = 0;
+  int face = -1, ring = 0, seeks;
   do {
-    const int n_cells = !seeks ? 0 : ring ? 24 * ring * ring + 2 : 1;
+    const int n_cells = ring ? 24 * ring * ring + 2 : 1;
     for (int k = item; k < n_cells; k += SLIDE_ITEMS) {
       const Cell cell = cell_of_ring(ring, k);
       const int x = rings.x + cell.x, y = rings.y + cell.y, z = rings.z + cell.z;
@@ -81,7 +78,7 @@ INLINE real nearest_together(const SlideSurfaces* s, int surface, Point p, int s
         best = w->square[k];
         face = w->number[k];
       }
-    seeks = seeks && (face < 0 || !is_within_ring(&rings, ring, best)) && ring + 1 < rings.longest;
+    seeks = (face < 0 || !is_within_ring(&rings, ring, best)) && ring + 1 < rings.longest;
     ++ring;
   } while (seeks);
   return best;
@@ -116,29 +113,27 @@ INLINE real limit_of(const __local Together* w, int n_found, real limit) {
 }
 INLINE int most_kept(int n_found) { return n_found < SLIDE_MOST ? n_found : SLIDE_MOST; }
 
-// Level 4, as seek_candidates, where it is asked for (`seeks`).
-INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, int seeks,
-                          __global int* candidates, __global real* reals, __local Together* w,
-                          int item) {
+// Level 4, as seek_candidates.
+INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, __global int* candidates,
+                          __global real* reals, __local Together* w, int item) {
   __global const int* grid = s->grids + surface * GRID_INTS;
   __global const real* low = s->grid_reals + surface * GRID_REALS;
-  const int n_known = seeks ? candidates[0] : 0;
+  const int n_known = candidates[0];
   if (item < n_known)
     w->square[item] =
         closest_on_triangle(s->triangles + (long)candidates[1 + item] * TRIANGLE_REALS, p).square;
-  for (int k = item; seeks && k < SEEK_SET; k += SLIDE_ITEMS) w->set[k] = 0;
+  for (int k = item; k < SEEK_SET; k += SLIDE_ITEMS) w->set[k] = 0;
   if (item == 0) w->n_close = w->n_found = 0;
   full_barrier();  // all have read what is written in the end
   real first = R(-1.0);
   for (int k = 0; k < n_known; ++k)
     first = first < R(0.0) || w->square[k] < first ? w->square[k] : first;
-  const int is_far = seeks && first < R(0.0);
-  const real nearest = nearest_together(s, surface, p, is_far, w, item);
+  if (first < R(0.0)) first = nearest_together(s, surface, p, w, item);
   // Triangles from here on may be missing.
-  real limit = far_enough(is_far ? nearest : first, low[3]);
+  real limit = far_enough(first, low[3]);
   const CellBox box = cells_about(grid, low, p, limit);
   const int nx = box.x1 - box.x0 + 1, ny = box.y1 - box.y0 + 1, nz = box.z1 - box.z0 + 1,
-            n_cells = seeks ? nx * ny * nz : 0;
+            n_cells = nx * ny * nz;
   int in_set = 0, base = 0;
   do {
     int begin[SEEK_EACH], n_in[SEEK_EACH], mine = 0;
@@ -233,7 +228,7 @@ INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, int seek
     candidates[1 + item] = w->kept[item];
     reals[4 + item] = w->kept_distance[item];
   }
-  if (seeks && item == 0) {
+  if (item == 0) {
     candidates[0] = count;
     write_hold(reals, p, count, w->kept_distance[0], limit_of(w, n_found, limit));
   }

@@ -2,40 +2,37 @@
 // sliding.cl for every node, levels 2 to 4 (sliding_queue.cl) for those that have left their balls, which
 // wait in a queue. Few registers and no loop: a node that is sought for would hold up all of its warp.
 
-// Level 1 for the node at a place, row of nodes * TLED_LANES + lane, at displacement *u: it is put back to
-// its distance, or 0: it waits in the queue, as it is. parity: whose number in the queue counts
-// (sliding_layout.cl). keep_ways: for reactions.
-INLINE int hold_node(__global real* slide_rows, __global real* slide_regions,
-                     __global const int* slide_ints, volatile __global int* slide_queue, int parity,
-                     int place, Points* u, int keep_ways) {
+// Level 1 for the node at a place, row of nodes * TLED_LANES + lane, at displacement u: it is put back to
+// its distance, or waits in the queue, as it is. parity: whose number in the queue counts
+// (sliding_layout.cl).
+INLINE void hold_node(__global const real* slide_rows, __global const real* slide_regions,
+                      __global const int* slide_ints, volatile __global int* slide_queue, int parity,
+                      int place, real u[3]) {
   const long row = place / TLED_LANES, lane = place % TLED_LANES;
   __global const real* lanes = slide_rows + row * (SLIDE_ROWS * TLED_LANES) + lane;
-  __global real* region = slide_regions + row * (REGION_ROWS * TLED_LANES) + lane;
+  __global const real* region = slide_regions + row * (REGION_ROWS * TLED_LANES) + lane;
   const int shape = slide_ints[(row * SLIDE_INTS + SLIDE_SHAPE) * TLED_LANES + lane];
-  const int left = lanes_that_left(lanes, *u);
+  const Points at = {u[0], u[1], u[2]};
+  const int left = lanes_that_left(lanes, at);
   // Whether it left or not: nearly none does, and all that is read is on its way at once.
-  const WayBack way = way_back(lanes, region, shape, *u);
-  const Points back = moved_back(way, *u);
-  u->x = left ? u->x : back.x;
-  u->y = left ? u->y : back.y;
-  u->z = left ? u->z : back.z;
-  if (left)
-    slide_queue[SLIDE_WAITING + atomic_inc(slide_queue + parity)] = place;
-  else if (keep_ways)
-    keep_way(way, region);
-  return !left;
+  const Points back = moved_back(way_back(lanes, region, shape, at), at);
+  u[0] = left ? at.x : back.x;
+  u[1] = left ? at.y : back.y;
+  u[2] = left ? at.z : back.z;
+  if (left) slide_queue[SLIDE_WAITING + atomic_inc(slide_queue + parity)] = place;
 }
 
 // Work-item: the node at its place.
-__kernel void slide_still(__global real* restrict slide_rows, __global real* restrict slide_regions,
+__kernel void slide_still(__global const real* restrict slide_rows,
+                          __global const real* restrict slide_regions,
                           __global const int* restrict slide_ints,
                           __global int* restrict slide_queue, __global real* restrict u_next,
-                          int n_nodes, int parity, int keep_ways) {
+                          int n_places, int parity) {
   const int place = (int)get_global_id(0);
-  if (place >= n_nodes) return;
+  if (place >= n_places) return;
   __global real* at = u_next + slide_ints[place / TLED_LANES * (SLIDE_INTS * TLED_LANES) +
                                           SLIDE_DOF * TLED_LANES + place % TLED_LANES];
-  Points u = lanes_of(at);
-  hold_node(slide_rows, slide_regions, slide_ints, slide_queue, parity, place, &u, keep_ways);
-  store_points(u, at);
+  real u[3] = {at[0], at[TLED_LANES], at[2 * TLED_LANES]};
+  hold_node(slide_rows, slide_regions, slide_ints, slide_queue, parity, place, u);
+  for (int c = 0; c < 3; ++c) at[c * TLED_LANES] = u[c];
 }

@@ -54,6 +54,7 @@ class Rows {
 
 struct Tile {
   std::int32_t x, y, z, n_planes;  // its first node; planes of nodes
+  bool is_lowest;                  // its columns have no nodes on the plane below, so no elements
 };
 
 // Nodes of a block, a bit a lane.
@@ -105,7 +106,8 @@ std::vector<Tile> band(const SolverArrays& arrays, const Rows& rows,
       while (end < planes.size() && planes[end] <= planes[end - 1] + 2 &&
              planes[end] - planes[i] < shape.depth)
         ++end;
-      tiles.push_back({x, y, planes[i], planes[end - 1] - planes[i] + 1});
+      tiles.push_back({x, y, planes[i], planes[end - 1] - planes[i] + 1,
+                       i == 0 || planes[i - 1] + 1 < planes[i]});
       i = end;
     }
     x += width;
@@ -159,8 +161,9 @@ Tiles make_tiles(const SolverArrays& arrays, const TileShape& shape) {
   std::int64_t n_places = 0;
   for (const Tile& tile : all) {
     const std::int32_t first = tile.x - 1 + lanes;  // of its elements, a chunk on: not negative
-    result.tiles.insert(result.tiles.end(), {static_cast<std::int32_t>(n_places), tile.n_planes,
-                                             first % lanes, first / lanes - 1});
+    result.tiles.insert(result.tiles.end(),
+                        {static_cast<std::int32_t>(n_places), tile.n_planes, first % lanes,
+                         first / lanes - 1, tile.is_lowest ? 1 : 0});
     n_places += (tile.n_planes + 2) * plane_places;
   }
   if (n_places > std::numeric_limits<std::int32_t>::max())

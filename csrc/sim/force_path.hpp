@@ -37,10 +37,12 @@ struct ForcePathOptions {
   std::int32_t step_reals = 0;
 };
 
-// Rows of sliding nodes that kernels can put back themselves (kernels_cl/sliding_rows.cl).
+// Rows of sliding nodes that kernels can put back themselves (kernels_cl/sliding_rows.cl, tile.cl).
 struct SlidingRowBuffers {
   std::vector<const Buffer*> arguments;     // TLED_SLIDING_ARGUMENTS
   const std::vector<std::int32_t>* blocks;  // of each row, ascending
+  const Buffer *rows, *regions, *ints;      // among the arguments
+  const Buffer* queue;  // of nodes that wait for a kernel of their own; null: looked at at once
 };
 
 class ForcePath {

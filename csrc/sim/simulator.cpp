@@ -126,8 +126,11 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
     const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
     sliding_->bind(u, *blocks_, *step_table_, step_reals_);
     const auto rows = sliding_->row_buffers();
-    if (rows && !conditions_->any_acts_on(sliding_given_.nodes))
+    if (rows && !conditions_->any_acts_on(sliding_given_.nodes)) {
+      device_bytes_ -= path_->bytes();
       fuses_sliding_ = path_->fuse_sliding(*rows);
+      device_bytes_ += path_->bytes();
+    }
   }
   bind_masses(*blocks_, *node_sets_);
 }

@@ -49,7 +49,7 @@ void Simulator::enqueue_steps(int now, std::size_t begin, std::size_t end, std::
     if (fuses_sliding()) {
       path_->enqueue_sliding_step(now, index);
       conditions_->enqueue(now, index);
-      if (i >= keep_from) sliding_->enqueue_normals(1 - now);
+      sliding_->enqueue_rest(1 - now, i >= keep_from);
     } else {
       enqueue_step(now, index, highest);
       if (sliding_) sliding_->enqueue(1 - now, index, i >= keep_from);

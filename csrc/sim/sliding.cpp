@@ -15,12 +15,11 @@ namespace {
 
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
-// First byte of a state: what follows is laid out as by this version of the kernels.
-constexpr std::uint8_t kLayout = 3;
+// First byte of a state: what follows is laid out as by this version of the kernels, with rows that
+// are those of blocks though they are no vectors, and otherwise.
+constexpr std::uint8_t kQueueLayout = 4, kLayout = 3;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
-// Where slide_still and slide_queued take whether ways back are kept.
-constexpr unsigned kStillKeepsWays = 7, kQueuedKeepsWays = 17;
 // Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain
 // from groups, and PoCL 3.1 computes slide_queued wrongly (docs/explanation/gpu-kernels.md).
 bool queues(const Device& device) { return device.info().kind == "gpu"; }
@@ -96,6 +95,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       n_moving_(given.moving.size()),
       lanes_(arrays.lanes),
       vector_rows_(vector_rows),
+      queues_(false),
       order_(arrays.order) {
   check(given, model);
   const std::size_t lanes = lanes_;
@@ -103,11 +103,13 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       n_moving_ > 0 ||
       std::any_of(given.friction.begin(), given.friction.end(), [](double f) { return f > 0; }) ||
       std::any_of(given.release.begin(), given.release.end(), [](auto r) { return r != 0; });
+  queues_ = queues(device) && !vector_rows && !has_laws_;
+  const bool of_blocks = vector_rows || queues_;
   // Surfaces that stand still, then each that moves: nodes of a row share the pose.
   std::vector<std::size_t> motion(given.surfaces.size(), 0);
   for (std::size_t m = 0; m < n_moving_; ++m) motion[given.moving[m]] = m + 1;
-  // In the order of their slots. Vector rows are blocks of u, so that they are read and written
-  // whole; other nodes of the block hold still in them.
+  // In the order of their slots. Vector rows, and those that tiles put back, are blocks of u, so
+  // that they are read and written whole; other nodes of the block hold still in them.
   std::vector<std::size_t> sorted(n_nodes_);
   for (std::size_t i = 0; i < n_nodes_; ++i) sorted[i] = i;
   std::sort(sorted.begin(), sorted.end(), [&](std::size_t a, std::size_t b) {
@@ -122,7 +124,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     for (; i < n_nodes_ && motion[given.surface[sorted[i]]] == moves; ++i) {
       const std::int64_t slot = arrays.node_slot[given.nodes[sorted[i]]];
       const auto block = static_cast<std::int32_t>(slot / static_cast<std::int64_t>(lanes));
-      if (vector_rows) {
+      if (of_blocks) {
         if (node_at.size() / lanes == first_row || block_at.back() != block) {
           node_at.resize(node_at.size() + lanes, n_nodes_);
           block_at.push_back(block);
@@ -226,20 +228,21 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   cell_triangles_ = integers(grids.cell_triangles);
   for (Group& group : groups_)
     for (auto& kernel : group.kernel) kernel = program.kernel("slide_nodes");
-  if (queues(device) && !vector_rows && !has_laws_) {
+  if (queues_) {
     queue_ = integers(std::vector<std::int32_t>(SLIDE_WAITING + n_nodes_, 0));
     n_groups_ = std::min<std::size_t>(
         n_nodes_, kQueueGroupsPerUnit * std::max(1u, device.info().compute_units));
     for (auto& kernel : still_) kernel = program.kernel("slide_still");
     for (auto& kernel : queued_) kernel = program.kernel("slide_queued");
   }
-  if (vector_rows)
+  if (of_blocks)
     for (auto& kernel : keep_ways_) kernel = program.kernel("keep_ways_back");
 }
 
 std::optional<SlidingRowBuffers> Sliding::row_buffers() const {
-  if (!vector_rows_ || has_laws_) return std::nullopt;
-  return SlidingRowBuffers{arguments(), &block_of_row_};
+  if (has_laws_ || !(vector_rows_ || queues_)) return std::nullopt;
+  return SlidingRowBuffers{arguments(),    &block_of_row_, rows_.get(),
+                           regions_.get(), ints_.get(),    queue_.get()};
 }
 
 std::vector<const Buffer*> Sliding::arguments() const {
@@ -302,7 +305,7 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buff
       for (const Buffer* buffer : {rows_.get(), regions_.get(), ints_.get(), queue_.get()})
         still_[parity]->set_arg(index++, *buffer);
       still_[parity]->set_arg(index++, *u[parity]);
-      still_[parity]->set_arg(index++, static_cast<std::int32_t>(n_nodes_));
+      still_[parity]->set_arg(index++, static_cast<std::int32_t>(n_rows_ * lanes_));
       still_[parity]->set_arg(index, static_cast<std::int32_t>(parity));
       index = 0;
       for (const Buffer* buffer : arguments()) queued_[parity]->set_arg(index++, *buffer);
@@ -312,7 +315,7 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buff
     }
     if (keep_ways_[parity])
       keep_ways_[parity]->set_arg(bind_nodes(*keep_ways_[parity], *u[parity]),
-                                  static_cast<std::int32_t>(n_rows_));
+                                  static_cast<std::int32_t>(n_rows_ * (vector_rows_ ? 1 : lanes_)));
   }
   set_has_levels(false);
 }
@@ -323,11 +326,9 @@ void Sliding::set_has_levels(bool has_levels) {
 }
 
 void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
-  if (queue_) {
-    still_[next]->set_arg(kStillKeepsWays, std::int32_t(keep_normals));
-    still_[next]->enqueue(n_nodes_, kGroup);
-    queued_[next]->set_arg(kQueuedKeepsWays, std::int32_t(keep_normals));
-    queued_[next]->enqueue(n_groups_ * kQueueGroup, kQueueGroup);
+  if (queues_) {
+    still_[next]->enqueue(n_rows_ * lanes_, kGroup);
+    enqueue_rest(next, keep_normals);
     return;
   }
   for (Group& group : groups_) {
@@ -337,7 +338,10 @@ void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   }
 }
 
-void Sliding::enqueue_normals(int next) { keep_ways_[next]->enqueue(n_rows_, kGroup); }
+void Sliding::enqueue_rest(int next, bool keep_normals) {
+  if (queues_) queued_[next]->enqueue(n_groups_ * kQueueGroup, kQueueGroup);
+  if (keep_normals) keep_ways_[next]->enqueue(n_rows_ * (vector_rows_ ? 1 : lanes_), kGroup);
+}
 
 std::array<Buffer*, 7> Sliding::known() const {
   return {rows_.get(), regions_.get(),    records_.get(),        heads_.get(),
@@ -346,7 +350,7 @@ std::array<Buffer*, 7> Sliding::known() const {
 
 std::vector<std::uint8_t> Sliding::state() const {
   device_.finish();
-  std::vector<std::uint8_t> bytes{kLayout};
+  std::vector<std::uint8_t> bytes{queues_ ? kQueueLayout : kLayout};
   for (const Buffer* buffer : known()) {
     const std::size_t at = bytes.size();
     bytes.resize(at + buffer->bytes());
@@ -358,7 +362,7 @@ std::vector<std::uint8_t> Sliding::state() const {
 void Sliding::set_state(const std::vector<std::uint8_t>& state) {
   std::size_t needed = 1;
   for (const Buffer* buffer : known()) needed += buffer->bytes();
-  if (state.size() != needed || state.front() != kLayout)
+  if (state.size() != needed || state.front() != (queues_ ? kQueueLayout : kLayout))
     throw InputError("state: it holds " + std::to_string(state.size()) +
                      " bytes of sliding nodes, this model on this device in this precision has " +
                      std::to_string(needed) +

@@ -47,13 +47,13 @@ class Sliding {
             std::int32_t step_reals);
   // Whether `blocks` has nodes above level 0 (subcycling).
   void set_has_levels(bool has_levels);
-  // What a row kernel needs to put these nodes back itself; none where rows are no vectors, where
-  // surfaces move, rub or let go.
+  // What a kernel that moves nodes needs to put these back itself; none where rows are not those of
+  // blocks, where surfaces move, rub or let go.
   std::optional<SlidingRowBuffers> row_buffers() const;
   // keep_normals: for normals().
   void enqueue(int next, std::int32_t step_index, bool keep_normals);
-  // The same for normals() alone, after a step of kernels that put the nodes back themselves.
-  void enqueue_normals(int next);
+  // What is left to do after a step of kernels that put the nodes back themselves.
+  void enqueue_rest(int next, bool keep_normals);
   // Regions and candidates, as they lie on this device; see RawState.
   std::vector<std::uint8_t> state() const;
   void set_state(const std::vector<std::uint8_t>& state);
@@ -84,15 +84,14 @@ class Sliding {
   Precision precision_;
   std::size_t bytes_ = 0, n_nodes_, n_rows_ = 0, n_moving_;
   int lanes_;
-  bool has_laws_, vector_rows_;
+  bool has_laws_, vector_rows_, queues_;
   std::array<int, 3> order_;
   Vec3 centre_;
   std::vector<std::size_t> place_;  // of each node among the rows' lanes
   std::vector<Group> groups_;
-  std::vector<std::int32_t> block_of_row_;  // where rows are vectors
+  std::vector<std::int32_t> block_of_row_;  // where rows are those of blocks; -1: they are not
   std::unique_ptr<Kernel> keep_ways_[2];
-  // Where rows are no vectors and there are no laws: slide_still and slide_queued of each
-  // direction, and the nodes that wait between them.
+  // Where nodes wait in a queue: slide_still and slide_queued of each direction.
   std::unique_ptr<Kernel> still_[2], queued_[2];
   std::unique_ptr<Buffer> queue_;
   std::size_t n_groups_ = 0;

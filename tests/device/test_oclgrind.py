@@ -96,8 +96,8 @@ BARRIER_OF_FIRST = "barrier(CLK_LOCAL_MEM_FENCE);  // the first plane's buffer i
     [
         ("tile.cl", BARRIER_OF_PLANES, "if (owned)", "data race at local memory"),
         ("tile.cl", BARRIER_OF_FIRST, "", "data race at local memory"),
-        ("tile.cl", "(plane & 1) * plane_reals;", "0 * plane_reals;", "data race at local memory"),
-        ("tile.cl", "(plane & 1) * n_items", "0 * n_items", "data race at local memory"),
+        ("tile.cl", "planes + turn * plane_reals;", "planes;", "data race at local memory"),
+        ("tile.cl", "(turn * n_items", "(0 * n_items", "data race at local memory"),
         (
             "tile.cl",
             "i > 0 && j > 0 && plane > 0",
