@@ -143,7 +143,7 @@ INLINE int find_together(const SlideSurfaces* s, const SlideNode* node, Point u,
   const Point off = minus(p, point_at(reals));
   real moved = square_root_of(inner(off, off));
   if (!(moved < reals[3])) {
-    seek_together(s, node->surface, p, candidates, reals, w, item);
+    seek_together(s, node->surface, p, node->record[RECORD_DISTANCE], candidates, reals, w, item);
     moved = R(0.0);
   }
   const int count = candidates[0], is = item < count, t = is ? candidates[1 + item] : 0;

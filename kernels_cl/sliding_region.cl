@@ -324,7 +324,7 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
   Point off = minus(p, point_at(reals));
   real moved = square_root_of(inner(off, off));
   if (!(moved < reals[3])) {
-    seek_candidates(s, node->surface, p, candidates, reals);
+    seek_candidates(s, node->surface, p, node->record[RECORD_DISTANCE], candidates, reals);
     moved = R(0.0);
   }
   const int count = candidates[0];

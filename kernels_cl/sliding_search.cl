@@ -246,50 +246,38 @@ INLINE void write_hold(__global real* reals, Point p, int count, real first, rea
   reals[3] = count ? R(0.49) * (limit - first) : R(0.0);
 }
 
-// Level 4: the nearest triangles by their distances, as many as there is room for, and how far they
-// hold. Those of the last time, if any, tell how far to look.
-OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
-                                 __global int* candidates, __global real* reals) {
+// The triangles that are nearer to p than *limit, the nearest first, as many as there is room for: how many.
+// *limit becomes the distance from which on some may be missing.
+OUT_OF_LINE int seek_within(const SlideSurfaces* s, int surface, Point p, real* limit, int* ids,
+                            real* kept) {
   __global const int* grid = s->grids + surface * GRID_INTS;
   __global const real* low = s->grid_reals + surface * GRID_REALS;
-  real first = R(-1.0);
-  for (int k = 0; k < candidates[0]; ++k) {
-    const real square =
-        closest_on_triangle(s->triangles + (long)candidates[1 + k] * TRIANGLE_REALS, p).square;
-    first = first < R(0.0) || square < first ? square : first;
-  }
-  int nearest;
-  if (first < R(0.0)) first = nearest_in_grid(s, surface, p, &nearest);
-  int ids[SLIDE_MOST];
-  real kept[SLIDE_MOST];
   int count = 0;
-  // Triangles from here on may be missing.
-  real limit = far_enough(first, low[3]);
-  const CellBox box = cells_about(grid, low, p, limit);
+  const CellBox box = cells_about(grid, low, p, *limit);
   for (int z = box.z0; z <= box.z1; ++z)
     for (int y = box.y0; y <= box.y1; ++y)
       for (int x = box.x0; x <= box.x1; ++x) {
         const int cell = grid[3] + (z * grid[1] + y) * grid[0] + x;
         const int begin = s->cell_begin[cell], end = s->cell_begin[cell + 1];
-        if (begin == end || cell_is_beyond(low, x, y, z, p, limit)) continue;
+        if (begin == end || cell_is_beyond(low, x, y, z, p, *limit)) continue;
         for (int i = begin; i < end; ++i) {
           const int t = s->cell_triangles[i];
           __global const real* triangle = s->triangles + (long)t * TRIANGLE_REALS;
           if (ball_is_beyond(point_at(triangle + TRIANGLE_BALL), triangle[TRIANGLE_BALL + 3], p,
-                             limit))
+                             *limit))
             continue;
           int known = 0;
           for (int k = 0; k < count; ++k) known |= ids[k] == t;
           if (known) continue;
           const real distance = square_root_of(closest_on_triangle(triangle, p).square);
-          if (distance >= limit) continue;
+          if (distance >= *limit) continue;
           // The farthest goes where there is no room.
           if (count == SLIDE_MOST) {
             if (distance >= kept[count - 1]) {
-              limit = distance;
+              *limit = distance;
               continue;
             }
-            limit = kept[count - 1];
+            *limit = kept[count - 1];
           } else {
             ++count;
           }
@@ -302,6 +290,31 @@ OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p,
           ids[at] = t;
         }
       }
+  return count;
+}
+
+// Level 4: the nearest triangles by their distances, as many as there is room for, and how far they
+// hold. `keep`: the node's distance, about which it nearly always is; else those of the last time, if any,
+// tell how far to look.
+OUT_OF_LINE void seek_candidates(const SlideSurfaces* s, int surface, Point p, real keep,
+                                 __global int* candidates, __global real* reals) {
+  const real edge = s->grid_reals[surface * GRID_REALS + 3];
+  int ids[SLIDE_MOST];
+  real kept[SLIDE_MOST];
+  real limit = far_enough(keep * keep, edge);
+  int count = seek_within(s, surface, p, &limit, ids, kept);
+  if (count == 0) {
+    real first = R(-1.0);
+    for (int k = 0; k < candidates[0]; ++k) {
+      const real square =
+          closest_on_triangle(s->triangles + (long)candidates[1 + k] * TRIANGLE_REALS, p).square;
+      first = first < R(0.0) || square < first ? square : first;
+    }
+    int nearest;
+    if (first < R(0.0)) first = nearest_in_grid(s, surface, p, &nearest);
+    limit = far_enough(first, edge);
+    count = seek_within(s, surface, p, &limit, ids, kept);
+  }
   candidates[0] = count;
   for (int k = 0; k < count; ++k) {
     candidates[1 + k] = ids[k];

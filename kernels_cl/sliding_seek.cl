@@ -113,24 +113,15 @@ INLINE real limit_of(const __local Together* w, int n_found, real limit) {
 }
 INLINE int most_kept(int n_found) { return n_found < SLIDE_MOST ? n_found : SLIDE_MOST; }
 
-// Level 4, as seek_candidates.
-INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, __global int* candidates,
-                          __global real* reals, __local Together* w, int item) {
+// As seek_within; those that are found are ranked in w->kept.
+INLINE int seek_within_together(const SlideSurfaces* s, int surface, Point p, real* within,
+                                __local Together* w, int item) {
   __global const int* grid = s->grids + surface * GRID_INTS;
   __global const real* low = s->grid_reals + surface * GRID_REALS;
-  const int n_known = candidates[0];
-  if (item < n_known)
-    w->square[item] =
-        closest_on_triangle(s->triangles + (long)candidates[1 + item] * TRIANGLE_REALS, p).square;
   for (int k = item; k < SEEK_SET; k += SLIDE_ITEMS) w->set[k] = 0;
   if (item == 0) w->n_close = w->n_found = 0;
-  full_barrier();  // all have read what is written in the end
-  real first = R(-1.0);
-  for (int k = 0; k < n_known; ++k)
-    first = first < R(0.0) || w->square[k] < first ? w->square[k] : first;
-  if (first < R(0.0)) first = nearest_together(s, surface, p, w, item);
-  // Triangles from here on may be missing.
-  real limit = far_enough(first, low[3]);
+  local_barrier();
+  real limit = *within;
   const CellBox box = cells_about(grid, low, p, limit);
   const int nx = box.x1 - box.x0 + 1, ny = box.y1 - box.y0 + 1, nz = box.z1 - box.z0 + 1,
             n_cells = nx * ny * nz;
@@ -221,16 +212,45 @@ INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, __global
     } while (from < total);
     base += SEEK_ROUND;
   } while (base < n_cells);
-  const int n_found = w->n_found, count = most_kept(n_found);
+  const int n_found = w->n_found;
   rank_found(w, n_found, item);
   local_barrier();
+  *within = limit_of(w, n_found, limit);
+  return most_kept(n_found);
+}
+
+// Level 4, as seek_candidates.
+INLINE void seek_together(const SlideSurfaces* s, int surface, Point p, real keep,
+                          __global int* candidates, __global real* reals, __local Together* w,
+                          int item) {
+  const real edge = s->grid_reals[surface * GRID_REALS + 3];
+  real limit = far_enough(keep * keep, edge);
+  int count = 0;
+  for (int found = 0, again = 0; !found; ++again) {
+    if (again) {
+      const int n_known = candidates[0];
+      if (item < n_known)
+        w->square[item] =
+            closest_on_triangle(s->triangles + (long)candidates[1 + item] * TRIANGLE_REALS, p)
+                .square;
+      local_barrier();
+      real first = R(-1.0);
+      for (int k = 0; k < n_known; ++k)
+        first = first < R(0.0) || w->square[k] < first ? w->square[k] : first;
+      if (first < R(0.0)) first = nearest_together(s, surface, p, w, item);
+      limit = far_enough(first, edge);
+    }
+    count = seek_within_together(s, surface, p, &limit, w, item);
+    found = count > 0 || again;
+  }
+  full_barrier();  // all have read what is written here
   if (item < count) {
     candidates[1 + item] = w->kept[item];
     reals[4 + item] = w->kept_distance[item];
   }
   if (item == 0) {
     candidates[0] = count;
-    write_hold(reals, p, count, w->kept_distance[0], limit_of(w, n_found, limit));
+    write_hold(reals, p, count, w->kept_distance[0], limit);
   }
   full_barrier();
 }

@@ -148,7 +148,10 @@ Tiles make_tiles(const SolverArrays& arrays, const TileShape& shape) {
   });
   std::vector<Tile> all;
   for (const auto& tiles : bands) all.insert(all.end(), tiles.begin(), tiles.end());
+  // Groups begin in this order: the highest first, so that low ones fill the end; those of a height
+  // as they lie.
   std::sort(all.begin(), all.end(), [&](const Tile& a, const Tile& b) {
+    if (a.n_planes != b.n_planes) return a.n_planes > b.n_planes;
     const std::int32_t ca = a.x / lanes, cb = b.x / lanes;
     if (ca != cb) return ca < cb;
     if (a.y != b.y) return a.y < b.y;
