@@ -164,7 +164,7 @@ INLINE int shape_with(int shape, int lane, int round) {
 // Levels 1 to 4: afterwards the row's surfaces are those of the places `seen` of u.
 INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
                           __global const real* u) {
-  const int left = lanes_that_left(row->rows + row->first, seen);
+  const int left = lanes_that_left(ball_of(row->rows + row->first), seen);
   if (!left) return;
   for (int lane = row->first; lane < row->last; ++lane) {
     if (!(left >> (lane - row->first) & 1)) continue;
@@ -205,7 +205,7 @@ INLINE void slide_row(const SlideRow* row, const SlideSurfaces* s, __global real
   Points u = lanes_of(u_next + dof);
   Points seen = lanes_seen(row, u);
   find_surfaces(row, s, seen, u_next);
-  WayBack way = way_back(lanes, region, *row->shape, seen);
+  WayBack way = way_back(plane_of(lanes), region, *row->shape, seen);
   if (laws) {
     const Points may = lanes_of(laws + SLIDE_MAY * TLED_LANES);
     const realv coefficient = load_lanes(laws + SLIDE_FRICTION * TLED_LANES);
@@ -235,7 +235,7 @@ INLINE void slide_row(const SlideRow* row, const SlideSurfaces* s, __global real
       store_points(u, u_next + dof);
       seen = lanes_seen(row, u);
       find_surfaces(row, s, seen, u_next);
-      way = way_back(lanes, region, *row->shape, seen);
+      way = way_back(plane_of(lanes), region, *row->shape, seen);
     }
     way.off = released(way.off, region, laws);
     if (row->moves) {
@@ -324,6 +324,7 @@ __kernel void keep_ways_back(TLED_SLIDING_ARGUMENTS, __global const real* restri
 #endif
   const SlideArrays arrays = TLED_SLIDE_ARRAYS;
   const SlideRow row = row_of(&arrays, place, first);
-  keep_way(way_back(row.rows + first, row.regions + first, *row.shape, lanes_of(u_next + row.dof)),
+  keep_way(way_back(plane_of(row.rows + first), row.regions + first, *row.shape,
+                    lanes_of(u_next + row.dof)),
            row.regions + first);
 }

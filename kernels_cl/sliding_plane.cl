@@ -11,12 +11,25 @@ INLINE Points lanes_of(__global const real* rows) {
 }
 INLINE realv lanes_inner(Points a, Points b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
-// Nodes of a row (of slide_rows) that are no longer where its surfaces are known to hold: lanes, as bits.
-INLINE int lanes_that_left(__global const real* lanes, Points seen) {
-  const Points last = lanes_of(lanes + SLIDE_SEEN * TLED_LANES);
-  const Points way = {seen.x - last.x, seen.y - last.y, seen.z - last.z};
-  const realv slack = load_lanes(lanes + SLIDE_SLACK * TLED_LANES);
-  return lanes_not_below(lanes_inner(way, way), slack * slack);
+// What level 1 reads of a row of slide_rows.
+typedef struct { Points seen; realv slack; } Ball;
+typedef struct { Points normal; realv target; } Plane;
+INLINE Ball ball_of(__global const real* lanes) {
+  const Ball ball = {lanes_of(lanes + SLIDE_SEEN * TLED_LANES),
+                     load_lanes(lanes + SLIDE_SLACK * TLED_LANES)};
+  return ball;
+}
+// normal: or the edge's direction.
+INLINE Plane plane_of(__global const real* lanes) {
+  const Plane plane = {lanes_of(lanes + SLIDE_NORMAL * TLED_LANES),
+                       load_lanes(lanes + SLIDE_TARGET * TLED_LANES)};
+  return plane;
+}
+
+// Nodes of a row that are no longer where its surfaces are known to hold: lanes, as bits.
+INLINE int lanes_that_left(Ball ball, Points seen) {
+  const Points way = {seen.x - ball.seen.x, seen.y - ball.seen.y, seen.z - ball.seen.z};
+  return lanes_not_below(lanes_inner(way, way), ball.slack * ball.slack);
 }
 
 // How far off their distance nodes are, which way is back, and the unit normal.
@@ -25,12 +38,10 @@ typedef struct {
   Points back, normal;
 } WayBack;
 
-// lanes: of slide_rows, region: of slide_regions; shape: SLIDE_SHAPE.
-INLINE WayBack way_back(__global const real* lanes, __global const real* region, int shape,
-                        Points seen) {
-  const realv target = load_lanes(lanes + SLIDE_TARGET * TLED_LANES);
-  // The normal, or the edge's direction.
-  const Points n = lanes_of(lanes + SLIDE_NORMAL * TLED_LANES);
+// region: of slide_regions; shape: SLIDE_SHAPE.
+INLINE WayBack way_back(Plane plane, __global const real* region, int shape, Points seen) {
+  const realv target = plane.target;
+  const Points n = plane.normal;
   WayBack way;
   way.off = target - lanes_inner(n, seen);
   way.normal = way.back = n;

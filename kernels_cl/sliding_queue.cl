@@ -11,7 +11,7 @@
 INLINE int zone_together(const SlideSurfaces* s, int zone, int guess, Point p, int free,
                          __local Together* w, int item, real* left, int* nearest) {
   const int mine = item % ZONE_MOST_BORDERS, is_first = item < ZONE_MOST_BORDERS;
-  int found = -1, hop = 0;
+  int found = -1, hop = 0, before = -1;
   while (zone >= 0) {
     const int first = zone, second = guess < 0 ? first : guess;
     __global const real* in = s->zones + (long)(is_first ? first : second) * ZONE_UNIT;
@@ -25,6 +25,7 @@ INLINE int zone_together(const SlideSurfaces* s, int zone, int guess, Point p, i
       const int at = zone == first ? 0 : ZONE_MOST_BORDERS;
       *left = NO_BORDER;
       *nearest = 0;
+#pragma unroll
       for (int k = 0; k < ZONE_MOST_BORDERS; ++k)
         if (w->ahead[at + k] < *left) {
           *left = w->ahead[at + k];
@@ -32,7 +33,10 @@ INLINE int zone_together(const SlideSurfaces* s, int zone, int guess, Point p, i
         }
       const int holds = *left > R(0.0);
       if (holds && stays_in(s->zones + (long)zone * ZONE_UNIT, free)) found = zone;
-      zone = holds ? -1 : (int)w->behind[at + *nearest];
+      const int behind = (int)w->behind[at + *nearest];
+      const int next = holds || behind == before ? -1 : behind;
+      before = zone;
+      zone = next;
     }
     zone = hop <= MOST_HOPS ? zone : -1;
     guess = -1;
@@ -58,6 +62,9 @@ INLINE real ball_together(const SlideSurfaces* s, int zone, Point p, int nearest
   return grown(left, most);
 }
 
+// Number of the first bit that is set; -1: none.
+INLINE int first_of(int bits) { return 31 - (int)clz(bits & -bits); }
+
 INLINE Point local_point(__local const real* at) {
   const Point p = {at[0], at[1], at[2]};
   return p;
@@ -68,70 +75,92 @@ INLINE void keep_point(Point p, __local real* at) {
   at[2] = p.z;
 }
 
-// The region of a node's own about its nearest part, which candidates of the last search hold: as the end
-// of find_surface. best: of triangle `face` at `distance`; n_known: candidates that it was sought among;
-// mine: nearest of the item's own, at `there`; moved: since that search.
+// The region of a node's own about its nearest part, that of triangle `face` at `distance`, among the
+// candidates of the last search, `moved` since then: as the end of find_surface, but for borders past the
+// ball. mine: nearest of the item's own candidate, at `there`. The result, how far that holds, is item 0's.
+//
+// An item has the borders of its candidate, of the first behind the candidates those of the foot itself.
+// Each finds the place of its own by how many are nearer.
 INLINE real own_region_together(const SlideSurfaces* s, const SlideNode* node, Point u, Point p,
-                                int face, Nearest best, real distance, int n_known, real moved,
+                                int count, int face, Nearest best, real distance, real moved,
                                 Nearest mine, real there, __local Together* w, int item,
                                 int* round) {
-  const int count = node->candidates[0], is = item < count, t = w->number[item];
+  const int is = item < count, t = w->number[item];
   __global const real* other = s->triangles + (long)t * TRIANGLE_REALS;
   Region region;
   Foot foot;
-  Border one, two;
   find_foot(s->triangles + (long)face * TRIANGLE_REALS, best, p, distance, node->free,
             node->candidate_reals[3] - moved, &foot, &region);
-  const int n_borders = is && foot.round != R(0.0) ? borders_beside(&foot, other, &one, &two) : 0;
-  if (n_borders > 0) {
-    w->border[2 * item] = one.distance;
-    keep_point(one.outward, w->border_outward + 6 * item);
-  }
-  if (n_borders > 1) {
-    w->border[2 * item + 1] = two.distance;
-    keep_point(two.outward, w->border_outward + 6 * item + 3);
-  }
+  const Border none = {NO_BORDER, {R(0.0), R(0.0), R(0.0)}};
+  Border border[3] = {none, none, none};
+  const int n_borders =
+      is && foot.round != R(0.0) ? borders_beside(&foot, other, border, border + 1) : 0;
   w->n_borders[item] = n_borders;
   local_barrier();
-  int n_beside = 0, beside0 = -1, beside1 = -1;  // the first two triangles beside an edge
-  for (int k = 0; best.feature < 4 && k < count; ++k)
-    if (w->n_borders[k]) {
-      beside1 = n_beside == 1 ? k : beside1;
-      beside0 = n_beside == 0 ? k : beside0;
-      ++n_beside;
-    }
+  int beside = 0;  // as bits
+#pragma unroll
+  for (int k = 0; k < SLIDE_MOST; ++k) beside |= (w->n_borders[k] > 0) << k;
+  // The first two triangles beside an edge.
+  const int beside0 = first_of(beside), beside1 = first_of(beside & (beside - 1));
+  const int has_both = best.feature < 4 && beside1 >= 0 && !(beside & (beside - 1) & ~(1 << beside1));
   const int is_foot = best.feature == 0  ? t == face
                       : best.feature < 4 ? item == beside0 || item == beside1
                                          : n_borders > 0;
-  const real hold = held_by_distance(&foot, there);
-  const int has_both = n_beside == 2;
-  const Held held = held_by(&foot, other, there, mine.at, hold,
-                            has_both ? s->triangles + (long)w->number[beside0] * TRIANGLE_REALS : 0,
-                            has_both ? s->triangles + (long)w->number[beside1] * TRIANGLE_REALS : 0);
-  w->held[item] = is_foot ? -1 : held.is_border;
-  w->hold[item] = hold;
-  w->held_distance[item] = held.distance;
-  keep_point(held.outward, w->held_outward + 3 * item);
-  local_barrier();
-  for (int k = 0; k < count; ++k)
-    for (int i = 0; i < w->n_borders[k]; ++i)
-      hold_before(&region, w->border[2 * k + i],
-                  local_point(w->border_outward + 3 * (2 * k + i)));
-  for (int k = 0; k < count && region.ball > R(0.0); ++k) {
-    if (w->held[k] < 0) continue;
-    if (k >= n_known && held_by_distance(&foot, least_distance(w->was[k], moved)) >= region.ball)
-      break;
-    if (w->hold[k] >= region.ball) continue;
-    const Held other_held = {w->held[k], w->held_distance[k], local_point(w->held_outward + 3 * k)};
-    take(&region, other_held);
+  real hold = NO_BORDER;
+  if (is && !is_foot) {
+    const Held held =
+        held_by(&foot, other, there, mine.at, held_by_distance(&foot, there),
+                has_both ? s->triangles + (long)w->number[beside0] * TRIANGLE_REALS : 0,
+                has_both ? s->triangles + (long)w->number[beside1] * TRIANGLE_REALS : 0);
+    if (held.is_border) {
+      border[2].distance = held.distance;
+      border[2].outward = held.outward;
+    } else {
+      hold = held.distance;
+    }
   }
+  for (int k = 0; k < FOOT_BORDERS; ++k)
+    if (item == SLIDE_MOST + k) {
+      border[0].distance = region.within[k];
+      border[0].outward = region.outward[k];
+    }
+  w->hold[item] = hold;
+  for (int i = 0; i < 3; ++i) w->border[3 * item + i] = border[i].distance;
+  if (item < REGION_MOST_BORDERS + 1) {
+    w->nearest_border[item] = NO_BORDER;
+    for (int c = 0; c < 3; ++c) w->outward[3 * item + c] = R(0.0);
+  }
+  local_barrier();
+  int rank[3] = {0, 0, 0};
+#pragma unroll
+  for (int k = 0; k < 3 * (SLIDE_MOST + FOOT_BORDERS); ++k) {
+    const real one = w->border[k];
+    for (int i = 0; i < 3; ++i)
+      rank[i] += one < border[i].distance || (one == border[i].distance && k < 3 * item + i);
+  }
+  for (int i = 0; i < 3; ++i)
+    if (border[i].distance < NO_BORDER && rank[i] <= REGION_MOST_BORDERS) {
+      w->nearest_border[rank[i]] = border[i].distance;
+      keep_point(border[i].outward, w->outward + 3 * rank[i]);
+    }
+  real ball = region.ball;
+#pragma unroll
+  for (int k = 0; k < SLIDE_MOST; ++k) ball = w->hold[k] < ball ? w->hold[k] : ball;
+  local_barrier();
+  // Those that there is no room for shrink the ball.
+  const real next = w->nearest_border[REGION_MOST_BORDERS];
   *round = foot.round != R(0.0);
-  real left = R(0.0);
+  real slack = R(0.0);
   if (item == 0) {
-    left = write_region(&region, &foot, u, node->record);
+    slack = write_region_ball(next < ball ? next : ball, &foot, u, node->record);
+    for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+      const real within = write_border(k, w->nearest_border[k], local_point(w->outward + 3 * k),
+                                       &foot, u, node->record);
+      slack = within < slack ? within : slack;
+    }
     write_node_shape(node, shape_of_foot(&foot));
   }
-  return left;
+  return slack;
 }
 
 // Levels 3 and 4 as find_surface: an item a candidate. What is written is item 0's to write, `round` is
@@ -146,28 +175,28 @@ INLINE int find_together(const SlideSurfaces* s, const SlideNode* node, Point u,
     seek_together(s, node->surface, p, node->record[RECORD_DISTANCE], candidates, reals, w, item);
     moved = R(0.0);
   }
-  const int count = candidates[0], is = item < count, t = is ? candidates[1 + item] : 0;
+  // All there is room for, so that none waits for their number.
+  const int count = candidates[0], is = item < count,
+            listed = candidates[1 + (item < SLIDE_MOST ? item : 0)], t = is ? listed : 0;
   Nearest mine = {p, R(0.0), 0};
   if (is) mine = closest_on_triangle(s->triangles + (long)t * TRIANGLE_REALS, p);
   const real there = square_root_of(mine.square);
   w->square[item] = mine.square;
-  w->distance[item] = there;
-  w->was[item] = is ? reals[4 + item] : R(0.0);
   w->number[item] = t;
   w->feature[item] = mine.feature;
   keep_point(mine.at, w->at + 3 * item);
   local_barrier();
-  int n_known = 0, face = -1, which = 0;
-  real square = R(0.0), distance = R(0.0);
-  for (; n_known < count; ++n_known) {
-    if (face >= 0 && least_distance(w->was[n_known], moved) > distance) break;
-    if (is_nearer(w->square[n_known], w->number[n_known], square, face)) {
-      which = n_known;
-      square = w->square[which];
-      face = w->number[which];
-      distance = w->distance[which];
+  // None that the serial code leaves out is nearer.
+  int face = -1, which = 0;
+  real square = R(0.0);
+#pragma unroll
+  for (int k = 0; k < SLIDE_MOST; ++k)
+    if (k < count && is_nearer(w->square[k], w->number[k], square, face)) {
+      which = k;
+      square = w->square[k];
+      face = w->number[k];
     }
-  }
+  const real distance = square_root_of(square);
   *left = R(0.0);
   if (face < 0) {  // no number is near anything
     *round = 0;
@@ -181,7 +210,7 @@ INLINE int find_together(const SlideSurfaces* s, const SlideNode* node, Point u,
     *round = shape.round != R(0.0);
     if (item == 0) write_node_shape(node, shape);
   } else {
-    *left = own_region_together(s, node, u, p, face, best, distance, n_known, moved, mine, there, w,
+    *left = own_region_together(s, node, u, p, count, face, best, distance, moved, mine, there, w,
                                 item, round);
   }
   return found;
@@ -222,10 +251,12 @@ __kernel __attribute__((reqd_work_group_size(SLIDE_ITEMS, 1, 1))) void slide_que
   const int item = (int)get_local_id(0);
   const SlideArrays arrays = TLED_SLIDE_ARRAYS;
   const SlideSurfaces surfaces = TLED_SLIDE_SURFACES;
+  // Read with their number: there are no more groups than places.
+  int place = slide_queue[SLIDE_WAITING + (int)get_group_id(0)];
   const int n_waiting = slide_queue[parity];
   if (get_global_id(0) == 0) slide_queue[1 - parity] = 0;
-  for (int k = (int)get_group_id(0); k < n_waiting; k += (int)get_num_groups(0)) {
-    const int place = slide_queue[SLIDE_WAITING + k], lane = place % TLED_LANES;
+  for (int k = (int)get_group_id(0); k < n_waiting;) {
+    const int lane = place % TLED_LANES;
     const SlideRow row = row_of(&arrays, place / TLED_LANES, lane);
     SlideNode node;
     name_node(&row, lane, row.ints[SLIDE_SURFACE * TLED_LANES + lane], &node);
@@ -236,8 +267,10 @@ __kernel __attribute__((reqd_work_group_size(SLIDE_ITEMS, 1, 1))) void slide_que
     if (item == 0) {
       const int shape = shape_with(node.row_shape, lane, round);
       *row.shape = shape;
-      store_points(moved_back(way_back(row.rows + lane, row.regions + lane, shape, seen), seen), at);
+      store_points(moved_back(way_back(plane_of(row.rows + lane), row.regions + lane, shape, seen), seen), at);
     }
+    k += (int)get_num_groups(0);
+    if (k < n_waiting) place = slide_queue[SLIDE_WAITING + k];
     local_barrier();
   }
 }

@@ -280,25 +280,39 @@ INLINE void take(Region* region, Held held) {
     hold_within(region, held.distance);
 }
 
-// Writes a node's own region about displacement u; how far that holds.
-INLINE real write_region(const Region* region, const Foot* foot, Point u, __global real* record) {
-  // A little less, for rounding.
-  real radius = R(0.98) * region->ball - foot->flat;
-  radius = radius > R(0.0) ? radius : R(0.0);
-  real slack = radius;
-  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    __global real* border = record + RECORD_BORDERS + 4 * k;
-    const int is = region->within[k] < NO_BORDER;
-    const real within = is ? R(0.98) * region->within[k] - foot->flat : R(1.0);
-    const Point out = region->outward[k];
-    border[0] = out.x;
-    border[1] = out.y;
-    border[2] = out.z;
-    border[3] = inner(out, u) + within;
-    slack = within < slack ? within : slack;
-  }
+// A little less, for rounding.
+INLINE real with_margin(real distance, const Foot* foot) {
+  return R(0.98) * distance - foot->flat;
+}
+
+// Writes border k of a node's own region about displacement u, `distance` from it or NO_BORDER; how far
+// that is.
+INLINE real write_border(int k, real distance, Point outward, const Foot* foot, Point u,
+                         __global real* record) {
+  const real within = distance < NO_BORDER ? with_margin(distance, foot) : R(1.0);
+  __global real* border = record + RECORD_BORDERS + 4 * k;
+  border[0] = outward.x;
+  border[1] = outward.y;
+  border[2] = outward.z;
+  border[3] = inner(outward, u) + within;
+  return within;
+}
+// And its ball: the radius.
+INLINE real write_region_ball(real ball, const Foot* foot, Point u, __global real* record) {
+  const real less = with_margin(ball, foot), radius = less > R(0.0) ? less : R(0.0);
   const real values[4] = {u.x, u.y, u.z, radius};
   for (int k = 0; k < 4; ++k) record[RECORD_ANCHOR + k] = values[k];
+  return radius;
+}
+
+// Writes a node's own region about displacement u; how far that holds.
+INLINE real write_region(const Region* region, const Foot* foot, Point u, __global real* record) {
+  real slack = write_region_ball(region->ball, foot, u, record);
+  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
+    const real within =
+        write_border(k, region->within[k], region->outward[k], foot, u, record);
+    slack = within < slack ? within : slack;
+  }
   return slack;
 }
 

@@ -47,9 +47,9 @@ OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* s
     prefetch_line((__global const real*)(head + 2 * SLIDING_BATCH * SLIDE_HEAD));
     __global real* nodes = u_next + (long)head[HEAD_BLOCK] * (3 * TLED_LANES);
     const Points u = lanes_of(nodes);
-    const int left = lanes_that_left(lanes, u);
+    const int left = lanes_that_left(ball_of(lanes), u);
     if (!left) {
-      store_points(moved_back(way_back(lanes, region, head[HEAD_SHAPE], u), u), nodes);
+      store_points(moved_back(way_back(plane_of(lanes), region, head[HEAD_SHAPE], u), u), nodes);
     } else if (q->n_records == SLIDING_WAIT) {
       look_at_row(arrays, surfaces, place, u_next);
     } else {

@@ -8,6 +8,8 @@
 #define SLIDE_ITEMS 32
 #define SEEK_EACH 4
 #define SEEK_ROUND (SLIDE_ITEMS * SEEK_EACH)
+// Borders that a face or an edge has by itself: items behind the candidates keep them.
+#define FOOT_BORDERS 3
 // Triangles that there is room for, no fewer than are kept and a round finds; past that the nearest are
 // kept and only nearer ones are taken.
 #define SEEK_FOUND 192
@@ -21,11 +23,11 @@ typedef struct {
   real ahead[2 * ZONE_MOST_BORDERS], behind[2 * ZONE_MOST_BORDERS];
   real farther[ZONE_MOST_BORDERS], nears[ZONE_MOST_BORDERS];
   // Of candidates: what is nearest in each, and what each adds to a region.
-  real square[SLIDE_ITEMS], distance[SLIDE_ITEMS], was[SLIDE_ITEMS], at[3 * SLIDE_ITEMS];
-  int number[SLIDE_ITEMS], feature[SLIDE_ITEMS];
-  int n_borders[SLIDE_ITEMS], held[SLIDE_ITEMS];
-  real border[2 * SLIDE_ITEMS], hold[SLIDE_ITEMS], held_distance[SLIDE_ITEMS];
-  real border_outward[6 * SLIDE_ITEMS], held_outward[3 * SLIDE_ITEMS];
+  real square[SLIDE_ITEMS], at[3 * SLIDE_ITEMS];
+  int number[SLIDE_ITEMS], feature[SLIDE_ITEMS], n_borders[SLIDE_ITEMS];
+  real hold[SLIDE_ITEMS], border[3 * SLIDE_ITEMS];
+  // The nearest borders, and one more.
+  real nearest_border[REGION_MOST_BORDERS + 1], outward[3 * (REGION_MOST_BORDERS + 1)];
   // Of a search.
   int total[SLIDE_ITEMS], entries[SEEK_ROUND], close[SEEK_ROUND], n_close;
   int set[SEEK_SET], found[SEEK_FOUND], n_found, kept[SLIDE_MOST + 1];

@@ -34,12 +34,15 @@ INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
 // The zone of a place from the one it was in on, how far that holds and the nearest border; -1: to be
 // sought.
 INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* left, int* nearest) {
-  for (int hop = 0; hop <= MOST_HOPS && zone >= 0; ++hop) {
+  for (int hop = 0, before = -1; hop <= MOST_HOPS && zone >= 0; ++hop) {
     __global const real* in = s->zones + (long)zone * ZONE_UNIT;
     *nearest = 0;
     *left = left_in_zone(in, p, nearest);
     if (*left > R(0.0)) return stays_in(in, free) ? zone : -1;
-    zone = (int)in[ZONE_BORDER + *nearest * ZONE_BORDER_REALS + 4];
+    const int behind = (int)in[ZONE_BORDER + *nearest * ZONE_BORDER_REALS + 4];
+    if (behind == before) return -1;  // it is in neither
+    before = zone;
+    zone = behind;
   }
   return -1;
 }

@@ -137,6 +137,9 @@ INLINE void process_tile(ElementTables t, __global const real* u, __global real*
     // What the end of this plane and the planes to come need.
     real coming[3], more_coming[3], before[3] = {R(0.0), R(0.0), R(0.0)},
                                     inverse_mass[3] = {R(0.0), R(0.0), R(0.0)};
+    SlidingNode held;
+    if (slides && owned && slide_row >= 0)
+      held = sliding_node(sliding.rows, sliding.ints, slide_row, own.lane);
     fetch_node(u, ahead_block, own.lane, coming);
     if (brings_more) fetch_node(u, more_block, more.lane, more_coming);
     ahead = min(ahead + plane_places, last);
@@ -184,8 +187,7 @@ INLINE void process_tile(ElementTables t, __global const real* u, __global real*
             integrates ? next_displacement(node[c], before[c], inverse_mass[c], &motion, f, c) : f;
       }
       if (slides && slide_row >= 0)
-        hold_node(sliding.rows, sliding.regions, sliding.ints, sliding.queue, sliding.parity,
-                  slide_row * TLED_LANES + own.lane, next);
+        hold_node(held, sliding.regions, sliding.queue, sliding.parity, slide_row, own.lane, next);
       for (int c = 0; c < 3; ++c) out[at + c * TLED_LANES] = next[c];
     }
     block = next_block;
