@@ -62,9 +62,6 @@ INLINE real ball_together(const SlideSurfaces* s, int zone, Point p, int nearest
   return grown(left, most);
 }
 
-// Number of the first bit that is set; -1: none.
-INLINE int first_of(int bits) { return 31 - (int)clz(bits & -bits); }
-
 INLINE Point local_point(__local const real* at) {
   const Point p = {at[0], at[1], at[2]};
   return p;
@@ -75,98 +72,18 @@ INLINE void keep_point(Point p, __local real* at) {
   at[2] = p.z;
 }
 
-// The region of a node's own about its nearest part, that of triangle `face` at `distance`, among the
-// candidates of the last search, `moved` since then: as the end of find_surface, but for borders past the
-// ball. mine: nearest of the item's own candidate, at `there`. The result, how far that holds, is item 0's.
-//
-// An item has the borders of its candidate, of the first behind the candidates those of the foot itself.
-// Each finds the place of its own by how many are nearer.
-INLINE real own_region_together(const SlideSurfaces* s, const SlideNode* node, Point u, Point p,
-                                int count, int face, Nearest best, real distance, real moved,
-                                Nearest mine, real there, __local Together* w, int item,
-                                int* round) {
-  const int is = item < count, t = w->number[item];
-  __global const real* other = s->triangles + (long)t * TRIANGLE_REALS;
-  Region region;
-  Foot foot;
-  find_foot(s->triangles + (long)face * TRIANGLE_REALS, best, p, distance, node->free,
-            node->candidate_reals[3] - moved, &foot, &region);
-  const Border none = {NO_BORDER, {R(0.0), R(0.0), R(0.0)}};
-  Border border[3] = {none, none, none};
-  const int n_borders =
-      is && foot.round != R(0.0) ? borders_beside(&foot, other, border, border + 1) : 0;
-  w->n_borders[item] = n_borders;
-  local_barrier();
-  int beside = 0;  // as bits
-#pragma unroll
-  for (int k = 0; k < SLIDE_MOST; ++k) beside |= (w->n_borders[k] > 0) << k;
-  // The first two triangles beside an edge.
-  const int beside0 = first_of(beside), beside1 = first_of(beside & (beside - 1));
-  const int has_both = best.feature < 4 && beside1 >= 0 && !(beside & (beside - 1) & ~(1 << beside1));
-  const int is_foot = best.feature == 0  ? t == face
-                      : best.feature < 4 ? item == beside0 || item == beside1
-                                         : n_borders > 0;
-  real hold = NO_BORDER;
-  if (is && !is_foot) {
-    const Held held =
-        held_by(&foot, other, there, mine.at, held_by_distance(&foot, there),
-                has_both ? s->triangles + (long)w->number[beside0] * TRIANGLE_REALS : 0,
-                has_both ? s->triangles + (long)w->number[beside1] * TRIANGLE_REALS : 0);
-    if (held.is_border) {
-      border[2].distance = held.distance;
-      border[2].outward = held.outward;
-    } else {
-      hold = held.distance;
-    }
-  }
-  for (int k = 0; k < FOOT_BORDERS; ++k)
-    if (item == SLIDE_MOST + k) {
-      border[0].distance = region.within[k];
-      border[0].outward = region.outward[k];
-    }
-  w->hold[item] = hold;
-  for (int i = 0; i < 3; ++i) w->border[3 * item + i] = border[i].distance;
-  if (item < REGION_MOST_BORDERS + 1) {
-    w->nearest_border[item] = NO_BORDER;
-    for (int c = 0; c < 3; ++c) w->outward[3 * item + c] = R(0.0);
-  }
-  local_barrier();
-  int rank[3] = {0, 0, 0};
-#pragma unroll
-  for (int k = 0; k < 3 * (SLIDE_MOST + FOOT_BORDERS); ++k) {
-    const real one = w->border[k];
-    for (int i = 0; i < 3; ++i)
-      rank[i] += one < border[i].distance || (one == border[i].distance && k < 3 * item + i);
-  }
-  for (int i = 0; i < 3; ++i)
-    if (border[i].distance < NO_BORDER && rank[i] <= REGION_MOST_BORDERS) {
-      w->nearest_border[rank[i]] = border[i].distance;
-      keep_point(border[i].outward, w->outward + 3 * rank[i]);
-    }
-  real ball = region.ball;
-#pragma unroll
-  for (int k = 0; k < SLIDE_MOST; ++k) ball = w->hold[k] < ball ? w->hold[k] : ball;
-  local_barrier();
-  // Those that there is no room for shrink the ball.
-  const real next = w->nearest_border[REGION_MOST_BORDERS];
-  *round = foot.round != R(0.0);
-  real slack = R(0.0);
-  if (item == 0) {
-    slack = write_region_ball(next < ball ? next : ball, &foot, u, node->record);
-    for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-      const real within = write_border(k, w->nearest_border[k], local_point(w->outward + 3 * k),
-                                       &foot, u, node->record);
-      slack = within < slack ? within : slack;
-    }
-    write_node_shape(node, shape_of_foot(&foot));
-  }
-  return slack;
-}
-
-// Levels 3 and 4 as find_surface: an item a candidate. What is written is item 0's to write, `round` is
-// left alone where nothing is found. The result: the zone, -1: a region of its own.
-INLINE int find_together(const SlideSurfaces* s, const SlideNode* node, Point u, Point p,
-                         __local Together* w, int item, real* left, int* nearest, int* round) {
+// What is nearest to a place among a node's candidates, an item each; those are sought where they may miss it.
+typedef struct {
+  int face;  // -1: no number is near anything
+  Nearest nearest;
+  real reach;  // how far the candidates hold
+  // Of the item's own candidate: whether there is one, its distance.
+  int is;
+  __global const real* other;
+  real there;
+} Found;
+INLINE Found nearest_candidate(const SlideSurfaces* s, const SlideNode* node, Point p,
+                               __local Together* w, int item) {
   __global int* candidates = node->candidates;
   __global real* reals = node->candidate_reals;
   const Point off = minus(p, point_at(reals));
@@ -175,68 +92,112 @@ INLINE int find_together(const SlideSurfaces* s, const SlideNode* node, Point u,
     seek_together(s, node->surface, p, node->record[RECORD_DISTANCE], candidates, reals, w, item);
     moved = R(0.0);
   }
+  Found found;
+  found.reach = reals[3] - moved;
   // All there is room for, so that none waits for their number.
-  const int count = candidates[0], is = item < count,
-            listed = candidates[1 + (item < SLIDE_MOST ? item : 0)], t = is ? listed : 0;
+  const int count = candidates[0], listed = candidates[1 + (item < SLIDE_MOST ? item : 0)];
+  found.is = item < count;
+  const int t = found.is ? listed : 0;
+  found.other = s->triangles + (long)t * TRIANGLE_REALS;
   Nearest mine = {p, R(0.0), 0};
-  if (is) mine = closest_on_triangle(s->triangles + (long)t * TRIANGLE_REALS, p);
-  const real there = square_root_of(mine.square);
+  if (found.is) mine = closest_on_triangle(found.other, p);
+  found.there = square_root_of(mine.square);
   w->square[item] = mine.square;
   w->number[item] = t;
   w->feature[item] = mine.feature;
   keep_point(mine.at, w->at + 3 * item);
   local_barrier();
   // None that the serial code leaves out is nearer.
-  int face = -1, which = 0;
+  int which = 0;
   real square = R(0.0);
-#pragma unroll
+  found.face = -1;
+#pragma unroll 4
   for (int k = 0; k < SLIDE_MOST; ++k)
-    if (k < count && is_nearer(w->square[k], w->number[k], square, face)) {
+    if (k < count && is_nearer(w->square[k], w->number[k], square, found.face)) {
       which = k;
       square = w->square[k];
-      face = w->number[k];
+      found.face = w->number[k];
     }
-  const real distance = square_root_of(square);
-  *left = R(0.0);
-  if (face < 0) {  // no number is near anything
-    *round = 0;
-    return -1;
-  }
   const Nearest best = {local_point(w->at + 3 * which), square, w->feature[which]};
-  const int part = best.feature < 4 ? zone_of_part(s, node, face, best.feature) : -1;
-  const int found = zone_together(s, part, -1, p, node->free, w, item, left, nearest);
-  if (found >= 0) {
-    const SlideShape shape = shape_of_zone(s->zones + (long)found * ZONE_UNIT, p);
-    *round = shape.round != R(0.0);
-    if (item == 0) write_node_shape(node, shape);
-  } else {
-    *left = own_region_together(s, node, u, p, count, face, best, distance, moved, mine, there, w,
-                                item, round);
-  }
+  found.nearest = best;
   return found;
 }
 
-// As look_at_node; what is written is item 0's to write.
+// The region of a node's own about a foot: the largest ball in that of find_surface, which has borders
+// besides; a look costs less here than to find them. The result, how far that holds, is item 0's.
+INLINE real own_ball_together(const Foot* foot, Point u, __global real* record, const Found* found,
+                              __local Together* w, int item) {
+  __global const real* other = found->other;
+  real hold = NO_BORDER, ball = foot->lasts ? found->reach : R(0.0);
+  if (found->is && foot->feature == 0 && other == foot->triangle) {
+#pragma unroll 1
+    for (int side = 0; side < 3; ++side) {
+      const real inside = inside_of(other, side, inwards_of(other, side), foot->p);
+      hold = inside < hold ? inside : hold;
+    }
+  } else if (found->is) {
+    Border one, two;
+    const int n_borders = foot->feature ? borders_beside(foot, other, &one, &two) : 0;
+    hold = n_borders ? one.distance : held_by_distance(foot, found->there);
+    if (n_borders > 1 && two.distance < hold) hold = two.distance;
+  }
+  w->hold[item] = hold;
+  if (item < 4 * REGION_MOST_BORDERS)  // none
+    record[RECORD_BORDERS + item] = item % 4 == 3 ? R(1.0) : R(0.0);
+  local_barrier();
+  if (foot->feature) ball = foot->distance < ball ? foot->distance : ball;
+  if (foot->feature && foot->feature < 4) {
+    const real end = foot->length - foot->at;
+    ball = foot->at < ball ? foot->at : ball;
+    ball = end < ball ? end : ball;
+  }
+  if (item > 0) return R(0.0);
+#pragma unroll 4
+  for (int k = 0; k < SLIDE_MOST; ++k) ball = w->hold[k] < ball ? w->hold[k] : ball;
+  return write_region_ball(ball, foot, u, record);
+}
+
+// As look_at_node and find_surface; what is written is item 0's to write. Each part stands here once: few
+// groups come by most of it, and wait for their instructions then.
 INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
                          __local Together* w, int item) {
-  __global const real* record = node->record;
+  __global real* record = node->record;
   const int before = *node->zone;
   const Point X = point_at(record + RECORD_PLACE);
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
   if (is_lost(p)) return 0;
+  Found found;
   real left = R(0.0);
-  int nearest = 0, round = node->row_shape >> (node->lane + 1) & 1;
-  int now = zone_together(s, before, before < 0 ? -1 : (int)record[RECORD_NEXT], p, node->free, w,
-                          item, &left, &nearest);
-  if (now >= 0) {
-    const SlideShape shape = shape_of_zone(s->zones + (long)now * ZONE_UNIT, p);
-    round = shape.round != R(0.0);
-    if (now != before && item == 0) write_node_shape(node, shape);
-  } else {
+  int zone = before, now, guess = before < 0 ? -1 : (int)record[RECORD_NEXT], nearest = 0, sought = 0;
+  for (;;) {
+    now = zone_together(s, zone, guess, p, node->free, w, item, &left, &nearest);
+    if (now >= 0 || sought) break;
     left = before < 0 ? left_in_region(record, u) : R(0.0);
-    if (!(left > R(0.0)))
-      now = find_together(s, node, u, p, w, item, &left, &nearest, &round);
+    if (left > R(0.0)) break;
+    found = nearest_candidate(s, node, p, w, item);
+    sought = 1;
+    guess = -1;
+    zone = found.face >= 0 && found.nearest.feature < 4
+               ? zone_of_part(s, node, found.face, found.nearest.feature)
+               : -1;
   }
+  SlideShape shape;
+  int round = node->row_shape >> (node->lane + 1) & 1, is_new = sought || now != before;
+  if (now >= 0) {
+    shape = shape_of_zone(s->zones + (long)now * ZONE_UNIT, p);
+    round = shape.round != R(0.0);
+  } else if (sought && found.face < 0) {
+    left = R(0.0);
+    round = is_new = 0;
+  } else if (sought) {
+    Foot foot;
+    find_foot(s->triangles + (long)found.face * TRIANGLE_REALS, found.nearest, p,
+              square_root_of(found.nearest.square), node->free, &foot);
+    left = own_ball_together(&foot, u, record, &found, w, item);
+    shape = shape_of_foot(&foot);
+    round = foot.round != R(0.0);
+  }
+  if (is_new && item == 0) write_node_shape(node, shape);
   const real ball = now >= 0 ? ball_together(s, now, p, nearest, left, w, item) : R(0.0);
   full_barrier();  // all have read what item 0 writes
   if (item == 0) write_look(s, node, u, p, before, now, nearest, left, ball);

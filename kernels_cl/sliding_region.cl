@@ -72,17 +72,25 @@ INLINE real height_over(__global const real* other, __global const real* triangl
   return most;
 }
 
+// Inwards from a side of a face, in its plane.
+INLINE Point inwards_of(__global const real* triangle, int side) {
+  const Point a = point_at(triangle + 3 * side),
+              along = minus(point_at(triangle + 3 * ((side + 1) % 3)), a),
+              inwards = unit_of(across(point_at(triangle + TRIANGLE_NORMAL), along));
+  // Where the corners run counter-clockwise about the normal; an axis order may have turned that.
+  return inner(inwards, minus(point_at(triangle + 3 * ((side + 2) % 3)), a)) < R(0.0)
+             ? times(R(-1.0), inwards)
+             : inwards;
+}
+INLINE real inside_of(__global const real* triangle, int side, Point inwards, Point p) {
+  return inner(inwards, minus(p, point_at(triangle + 3 * side)));
+}
+
 // The region of a face, without the other triangles: the prism over it.
 INLINE void hold_over_face(Region* region, __global const real* triangle, Point p) {
-  const Point n = point_at(triangle + TRIANGLE_NORMAL);
   for (int side = 0; side < 3; ++side) {
-    const Point a = point_at(triangle + 3 * side),
-                along = minus(point_at(triangle + 3 * ((side + 1) % 3)), a);
-    // Inwards where the corners run counter-clockwise about n; an axis order may have turned that.
-    Point inwards = unit_of(across(n, along));
-    if (inner(inwards, minus(point_at(triangle + 3 * ((side + 2) % 3)), a)) < R(0.0))
-      inwards = times(R(-1.0), inwards);
-    hold_before(region, inner(inwards, minus(p, a)), times(R(-1.0), inwards));
+    const Point inwards = inwards_of(triangle, side);
+    hold_before(region, inside_of(triangle, side, inwards, p), times(R(-1.0), inwards));
   }
 }
 
@@ -129,12 +137,13 @@ typedef struct {
   // As SlideShape has them; and the edge's other end.
   real round;
   Point n, on, axis, far_end;
+  real at, length;  // of an edge: where on it, and its own
   real flat;  // what rounding may lift a corner of a flat neighbour off the plane
+  int lasts;  // 0: a plane for this step alone
 } Foot;
 
-// The foot, and the region without other triangles; `ball` holds the candidates.
 INLINE void find_foot(__global const real* triangle, Nearest best, Point p, real distance, int free,
-                      real ball, Foot* foot, Region* region) {
+                      Foot* foot) {
   const Point away = minus(p, best.at);
   foot->triangle = triangle;
   foot->feature = best.feature;
@@ -145,15 +154,14 @@ INLINE void find_foot(__global const real* triangle, Nearest best, Point p, real
   const real size = square_root_of(inner(minus(point_at(triangle + 3), foot->first),
                                          minus(point_at(triangle + 3), foot->first)));
   foot->flat = FLAT * square_root_of(inner(p, p)) + FLAT * size;
-  begin_region(region, ball);
+  foot->lasts = 1;
   foot->n = foot->normal;
   foot->on = foot->far_end = foot->first;
   const Point nowhere = {R(0.0), R(0.0), R(0.0)};
   foot->axis = nowhere;
-  foot->round = R(0.0);
+  foot->round = foot->at = foot->length = R(0.0);
   if (best.feature == 0) {
     foot->side = inner(away, foot->normal) < R(0.0) ? R(-1.0) : R(1.0);
-    hold_over_face(region, triangle, p);
     return;
   }
   const Point pseudo =
@@ -164,13 +172,12 @@ INLINE void find_foot(__global const real* triangle, Nearest best, Point p, real
   const int has_way = distance > R(1e-6) * size;
   foot->n = has_way ? times(foot->side / distance, away) : pseudo;
   foot->on = best.at;
-  // Held components, and no way: a plane for this step alone.
+  // Held components, and no way.
   if (free != 7 || !has_way) {
-    region->ball = R(0.0);
+    foot->lasts = 0;
     return;
   }
   foot->round = foot->side;
-  hold_within(region, distance);
   if (best.feature > 3) {
     foot->on = point_at(triangle + 3 * (best.feature - 4));
     return;
@@ -188,9 +195,19 @@ INLINE void find_foot(__global const real* triangle, Nearest best, Point p, real
   foot->far_end = far_end;
   const Point along = minus(far_end, on);
   foot->axis = unit_of(along);
-  const real at = inner(foot->axis, minus(p, on));
-  hold_before(region, at, times(R(-1.0), foot->axis));
-  hold_before(region, square_root_of(inner(along, along)) - at, foot->axis);
+  foot->at = inner(foot->axis, minus(p, on));
+  foot->length = square_root_of(inner(along, along));
+}
+
+// The region of a foot without other triangles; `ball` holds the candidates.
+INLINE void begin_region_of(const Foot* foot, real ball, Region* region) {
+  begin_region(region, foot->lasts ? ball : R(0.0));
+  if (foot->feature == 0) hold_over_face(region, foot->triangle, foot->p);
+  if (foot->round == R(0.0)) return;
+  hold_within(region, foot->distance);
+  if (foot->feature > 3) return;
+  hold_before(region, foot->at, times(R(-1.0), foot->axis));
+  hold_before(region, foot->length - foot->at, foot->axis);
 }
 
 // Borders that a triangle beside the foot's edge or about its corner adds: how many. What lies behind both
@@ -280,37 +297,27 @@ INLINE void take(Region* region, Held held) {
     hold_within(region, held.distance);
 }
 
-// A little less, for rounding.
-INLINE real with_margin(real distance, const Foot* foot) {
-  return R(0.98) * distance - foot->flat;
-}
-
-// Writes border k of a node's own region about displacement u, `distance` from it or NO_BORDER; how far
-// that is.
-INLINE real write_border(int k, real distance, Point outward, const Foot* foot, Point u,
-                         __global real* record) {
-  const real within = distance < NO_BORDER ? with_margin(distance, foot) : R(1.0);
-  __global real* border = record + RECORD_BORDERS + 4 * k;
-  border[0] = outward.x;
-  border[1] = outward.y;
-  border[2] = outward.z;
-  border[3] = inner(outward, u) + within;
-  return within;
-}
-// And its ball: the radius.
+// Writes the ball of a node's own region about displacement u; its radius.
 INLINE real write_region_ball(real ball, const Foot* foot, Point u, __global real* record) {
-  const real less = with_margin(ball, foot), radius = less > R(0.0) ? less : R(0.0);
+  // A little less, for rounding.
+  const real less = R(0.98) * ball - foot->flat, radius = less > R(0.0) ? less : R(0.0);
   const real values[4] = {u.x, u.y, u.z, radius};
   for (int k = 0; k < 4; ++k) record[RECORD_ANCHOR + k] = values[k];
   return radius;
 }
 
-// Writes a node's own region about displacement u; how far that holds.
+// And its borders; how far the region holds.
 INLINE real write_region(const Region* region, const Foot* foot, Point u, __global real* record) {
   real slack = write_region_ball(region->ball, foot, u, record);
   for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    const real within =
-        write_border(k, region->within[k], region->outward[k], foot, u, record);
+    __global real* border = record + RECORD_BORDERS + 4 * k;
+    const int is = region->within[k] < NO_BORDER;
+    const real within = is ? R(0.98) * region->within[k] - foot->flat : R(1.0);
+    const Point out = region->outward[k];
+    border[0] = out.x;
+    border[1] = out.y;
+    border[2] = out.z;
+    border[3] = inner(out, u) + within;
     slack = within < slack ? within : slack;
   }
   return slack;
@@ -375,7 +382,8 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
   __global const real* triangle = s->triangles + (long)face * TRIANGLE_REALS;
   Region region;
   Foot foot;
-  find_foot(triangle, best, p, distance, node->free, reals[3] - moved, &foot, &region);
+  find_foot(triangle, best, p, distance, node->free, &foot);
+  begin_region_of(&foot, reals[3] - moved, &region);
   __global const real* beside[2] = {triangle, triangle};
   int n_beside = 0;
   if (foot.round != R(0.0))

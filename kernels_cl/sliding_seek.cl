@@ -6,28 +6,23 @@
 
 // Items of a work-group, one for each candidate; cells and triangles that it looks at in a round.
 #define SLIDE_ITEMS 32
-#define SEEK_EACH 4
+#define SEEK_EACH 2
 #define SEEK_ROUND (SLIDE_ITEMS * SEEK_EACH)
-// Borders that a face or an edge has by itself: items behind the candidates keep them.
-#define FOOT_BORDERS 3
 // Triangles that there is room for, no fewer than are kept and a round finds; past that the nearest are
 // kept and only nearer ones are taken.
-#define SEEK_FOUND 192
+#define SEEK_FOUND 128
 // Places of the set of triangles that were looked at, of which a quarter stays empty, so that each is
 // soon found.
-#define SEEK_SET 512
+#define SEEK_SET 256
 
 // Local memory of a work-group.
 typedef struct {
   // Of borders of one or two zones.
   real ahead[2 * ZONE_MOST_BORDERS], behind[2 * ZONE_MOST_BORDERS];
   real farther[ZONE_MOST_BORDERS], nears[ZONE_MOST_BORDERS];
-  // Of candidates: what is nearest in each, and what each adds to a region.
-  real square[SLIDE_ITEMS], at[3 * SLIDE_ITEMS];
-  int number[SLIDE_ITEMS], feature[SLIDE_ITEMS], n_borders[SLIDE_ITEMS];
-  real hold[SLIDE_ITEMS], border[3 * SLIDE_ITEMS];
-  // The nearest borders, and one more.
-  real nearest_border[REGION_MOST_BORDERS + 1], outward[3 * (REGION_MOST_BORDERS + 1)];
+  // Of candidates: what is nearest in each, then how far it lets a ball reach.
+  real square[SLIDE_ITEMS], hold[SLIDE_ITEMS], at[3 * SLIDE_ITEMS];
+  int number[SLIDE_ITEMS], feature[SLIDE_ITEMS];
   // Of a search.
   int total[SLIDE_ITEMS], entries[SEEK_ROUND], close[SEEK_ROUND], n_close;
   int set[SEEK_SET], found[SEEK_FOUND], n_found, kept[SLIDE_MOST + 1];
@@ -101,6 +96,7 @@ INLINE void rank_found(__local Together* w, int n_found, int item) {
     const real distance = w->found_distance[k];
     const int t = w->found[k];
     int rank = 0;
+#pragma unroll 4
     for (int i = 0; i < n_found; ++i)
       rank += is_nearer(w->found_distance[i], w->found[i], distance, t);
     if (rank <= SLIDE_MOST) {
