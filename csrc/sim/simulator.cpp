@@ -14,6 +14,10 @@ namespace {
 // A step below 0 asks laws for their answer without relaxation and flow; its size is none.
 constexpr double kInstant = -1e-30;
 
+// Tiles are made for 512 work-items at a time on a unit with 65 536 registers; no other kernel of
+// float32 needs many more.
+constexpr int kTileRegisters = 128;
+
 PrecomputeOptions precompute_options(const SimulatorOptions& options, const Device& device) {
   if (options.precision == Precision::kDouble && !device.info().has_double)
     throw InputError("precision: device '" + device.info().id + "' (" + device.info().name +
@@ -63,10 +67,15 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   program.lanes = precompute_.lanes;
   program.vector_rows = rows_;
   program.laws = rows_ || !arrays_.law_entries.empty();
+  // Laws need the registers that a limit would take.
+  if (options_.kernels == KernelPath::kTile && options_.precision == Precision::kSingle &&
+      !program.laws)
+    program.registers = kTileRegisters;
   program_ = device_->build(program);
-  // Laws need the registers that a limit, chosen without them, would take.
-  program.registers = program.laws ? 0 : options_.registers;
-  if (program.registers) path_program_ = device_->build(program);
+  if (options_.registers && !program.laws) {
+    program.registers = options_.registers;
+    path_program_ = device_->build(program);
+  }
   const auto first_column = static_cast<std::int32_t>(STEP_ACTIVATION + model_.muscles.size());
   step_reals_ = first_column + NodalConditions::n_columns(conditions) +
                 static_cast<std::int32_t>(sliding.moving.size() * Sliding::kPoseValues);

@@ -34,7 +34,8 @@ struct SimulatorOptions {
   double kappa = 0.075;
   double damping = 0;  // mass-proportional, 1/s
   KernelPath kernels = KernelPath::kAuto;
-  // Of the kernels of a step, see ProgramOptions; the others are small.
+  // Of the kernels of a step at most, see ProgramOptions; 0: tiles of float32 128, others as
+  // compiled.
   int registers = 0;
   TileShape tile;                             // of kTile
   std::size_t n_bands = 0;                    // 0: by the device's compute units

@@ -48,7 +48,7 @@ class Kernels:
     tile : tuple of int
         Elements of a tile in x and y, and planes in z at most (0: by the device's units).
     registers : int
-        Of a work-item at most; 0 leaves it to the compiler.
+        Of a work-item at most; 0: what the kernels are made for.
     """
 
     kernels: str
@@ -63,15 +63,10 @@ class Kernels:
         return f"{name}, {self.registers} registers" if self.registers else name
 
 
-# Work-groups of 128 to 256 items; fewer registers, where the driver takes a limit, are more of
-# them at a time on a unit. Less than 128 was slower wherever it was measured: values spill.
+# Work-groups of 128 to 256 items.
 _CANDIDATES = (
     Kernels("gather"),
-    *(
-        Kernels("tile", shape, registers)
-        for shape in ((16, 8, 0), (32, 8, 0), (16, 16, 0))
-        for registers in (0, 128)
-    ),
+    *(Kernels("tile", shape) for shape in ((16, 8, 0), (32, 8, 0), (16, 16, 0))),
 )
 
 _chosen: dict[str, Kernels] = {}  # of this process
