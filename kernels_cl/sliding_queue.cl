@@ -58,7 +58,8 @@ INLINE real ball_together(const SlideSurfaces* s, int zone, Point p, int nearest
   }
   local_barrier();
   real most = MOST_GROWTH;
-  for (int k = 0; k < count; ++k) most = growth_before(most, w->farther[k], w->nears[k]);
+  for (int k = 0; k < count; ++k)
+    if (k != nearest) most = growth_before(most, w->farther[k], w->nears[k]);
   return grown(left, most);
 }
 
