@@ -212,9 +212,11 @@ INLINE int cell_is_beyond(__global const real* low, int x, int y, int z, Point p
   return square > limit * limit;
 }
 
-// From where on triangles may be missing at first, with the nearest at this squared distance.
+// From where on triangles may be missing at first, with the nearest at this squared distance. A search that
+// reaches a whole edge of a cell farther takes three times as long and is needed as often: nodes that seek
+// have mostly just left their zones and are soon in others.
 INLINE real far_enough(real first, real edge) {
-  return R(1.0001) * square_root_of(first) + edge;
+  return R(1.0001) * square_root_of(first) + R(0.5) * edge;
 }
 
 // Cells with all places within `reach` of p.
