@@ -28,8 +28,9 @@ __all__ = ["Kernels", "cache_file", "fastest", "recording_pays", "tune", "tune_r
 Candidate = TypeVar("Candidate", bound=Hashable)
 Choice = TypeVar("Choice")
 
-_CELLS = (96, 96, 24)
-_WARM_UP, _ROUNDS, _STEPS = 10, 5, 20
+# A sheet as thick as faces are, and as large: other tiles are best in thick blocks, by less.
+_CELLS = (320, 320, 5)
+_WARM_UP, _ROUNDS, _STEPS = 10, 5, 40
 # Where the host sets the pace: whole recordings of a body that no device is busy with.
 _SMALL_CELLS, _RECORDED_STEPS = (16, 8, 4), 512
 # Time that replaying must save, of that of launches one by one.
