@@ -65,6 +65,7 @@ INLINE real ball_in_zone(__global const real* zone, Point p, int nearest, real l
   const int count = (int)zone[ZONE_COUNT];
   for (int k = 0; k < count; ++k) {
     __global const real* border = zone + ZONE_BORDER + k * ZONE_BORDER_REALS;
+    if (k == nearest) continue;  // by rounding it might near by a little, and nothing would grow
     most = growth_before(most, ahead_of(border, p) - left, nears_along(border, outward));
   }
   return grown(left, most);

@@ -19,7 +19,8 @@ constexpr double kFlat = 1e-7;
 constexpr double kSharp = 0.2;
 // Part of the surface's longest side here within which an edge is too near for a direction from it.
 constexpr double kTooNear = 1e-5;
-constexpr double kLittle = 0.05;  // over how far nodes may be
+// Part of a zone that may be cut off: no plane is sought further.
+constexpr double kLittle = 0.05;
 // Directions in which planes are tilted, and the angle between them, rad.
 constexpr int kTurns = 12;
 constexpr double kTurn = 0.2;
@@ -70,27 +71,29 @@ struct Border {
 // part, rise . (x - on), which is none less than that.
 struct Space {
   Vec3 on, rise;
-  double little;  // to be cut off, m: no plane is sought further
   std::vector<Vec3> vertices, samples;
   std::vector<Border> borders;
 };
 
 // What keeps `other` farther than a zone's own part: nothing, or a border. A plane that has the
 // other behind it tells how far that is at least, so planes are tried until one leaves the zone
-// whole, else the one that cuts off least of it is taken: the other's own, those that tilt as
-// little as they may about its nearest corner, in several directions, and those across ways to it.
+// whole, else the one that leaves most of its width is taken (a zone over an edge is long and thin:
+// what is little along it is all of it across): the other's own, those that tilt as little as they
+// may about its nearest corner, in several directions, and those across ways to it.
 void keep_off(Space& space, const Triangle& other, std::int32_t number, double rounding) {
   const Vec3 amid = space.samples.front(), up = unit(space.rise);
   Vec3 best;
-  double depth = -kFar, lift = 0;
+  double kept = -kFar, lift = 0;
   const auto try_plane = [&](const Vec3& n, const Vec3& q) {
-    double least = kFar;
-    for (const Vec3& v : space.vertices)
-      least = std::min(least, dot(n, v - q) - dot(space.rise, v - space.on));
+    double least = kFar, most = -kFar;
+    for (const Vec3& v : space.vertices) {
+      const double ahead = dot(n, v - q) - dot(space.rise, v - space.on);
+      least = std::min(least, ahead);
+      most = std::max(most, ahead);
+    }
     if (least >= -rounding) return true;
-    const double turn = norm(n - space.rise);
-    if (turn > kFlat && least / turn > depth) {
-      depth = least / turn;
+    if (most > least && norm(n - space.rise) > kFlat && most / (most - least) > kept) {
+      kept = most / (most - least);
       best = n;
       lift = dot(n, q);
     }
@@ -118,11 +121,11 @@ void keep_off(Space& space, const Triangle& other, std::int32_t number, double r
     if (can && try_plane(n, pivot)) return;
   }
   for (const Vec3& p : space.samples) {
-    if (depth > -space.little) break;
+    if (kept > 1 - kLittle) break;
     const Vec3 q = closest(p, other), way = p - q;
     if (norm(way) > rounding && try_plane(unit(way), q)) return;
   }
-  if (!(depth > -kFar)) {  // nearer everywhere
+  if (!(kept > -kFar)) {  // nearer everywhere
     space.borders.push_back({space.rise, -kFar, -1});
     return;
   }
@@ -297,7 +300,6 @@ class SideZones {
     Space space;
     space.on = t.corner[0];
     space.rise = rise;
-    space.little = kLittle * reach_;
     const auto others = near(min(min(t.corner[0], t.corner[1]), t.corner[2]),
                              max(max(t.corner[0], t.corner[1]), t.corner[2]), 2 * reach_);
     int count[3] = {0, 0, 0};
@@ -359,7 +361,6 @@ class SideZones {
     Space space;
     space.on = a;
     space.rise = (1 / cosine) * middle;
-    space.little = kLittle * reach_;
     space.borders = {
         {in0, dot(in0, a), e.triangle},
         {in1, dot(in1, a), e.other},
