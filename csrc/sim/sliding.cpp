@@ -16,7 +16,7 @@ namespace {
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
 // First byte of a state: what follows is laid out as by this version of the kernels.
-constexpr std::uint8_t kLayout = 3;
+constexpr std::uint8_t kLayout = 4;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Where slide_still and slide_queued take whether ways back are kept.
@@ -155,7 +155,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
   std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes, 0);
   std::vector<double> records(n_rows_ * RECORD_REALS * lanes, 0.0);
-  std::vector<std::int32_t> heads(n_rows_ * SLIDE_HEAD, 0);
+  std::vector<std::int32_t> heads((n_rows_ + SLIDE_AHEAD) * SLIDE_HEAD, 0);
   if (vector_rows)
     for (std::size_t row = 0; row < n_rows_; ++row)
       heads[row * SLIDE_HEAD + HEAD_BLOCK] = block_of_row_[row];
@@ -385,7 +385,9 @@ void Sliding::forget() {
   auto ints = read_integers(*ints_), heads = read_integers(*heads_);
   for (std::size_t row = 0; row < n_rows_; ++row) {
     heads[row * SLIDE_HEAD + HEAD_SHAPE] &= 1;
-    std::fill_n(&regions[row * REGION_ROWS * lanes], REGION_LOSS * lanes, 0.0);
+    for (const int k : {REGION_ALONG, REGION_ALONG + 1, REGION_ALONG + 2, REGION_ROUND, REGION_ON,
+                        REGION_ON + 1, REGION_ON + 2})
+      std::fill_n(&regions[(row * REGION_ROWS + k) * lanes], lanes, 0.0);
     for (std::size_t lane = 0; lane < lanes; ++lane) {
       ints[(row * SLIDE_INTS + SLIDE_ZONE) * lanes + lane] = -1;
       ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + lane] &= 1;
