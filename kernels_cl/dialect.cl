@@ -105,6 +105,9 @@ INLINE real last_lane(realv v) { return v.s3; }
 
 #endif  // TLED_VECTOR_ROWS
 
+// The number of the lowest bit that is set.
+INLINE int lowest_bit(int bits) { return 31 - (int)clz(bits & -bits); }
+
 INLINE realv square_root(realv x) { return sqrt(x); }
 INLINE realv natural_log(realv x) { return log(x); }
 INLINE realv natural_exp(realv x) { return exp(x); }

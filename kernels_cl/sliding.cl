@@ -114,14 +114,14 @@ INLINE void fetch_nodes(const SlideRow* row, __global const real* u) {
 }
 INLINE void fetch_records(const SlideRow* row, int lanes) {
   prefetch_line((__global const real*)(row->ints + SLIDE_ZONE * TLED_LANES));
-  for (int lane = 0; lane < TLED_LANES; ++lane)
-    if (lanes >> lane & 1) prefetch_line(row->records + lane * RECORD_REALS);
+  for (int left = lanes; left; left &= left - 1)
+    prefetch_line(row->records + lowest_bit(left) * RECORD_REALS);
 }
 // Of nodes that crossed the border they were nearest to the zone behind.
 INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
                         __global const real* u) {
-  for (int lane = 0; lane < TLED_LANES; ++lane) {
-    if (!(lanes >> lane & 1)) continue;
+  for (int left = lanes; left; left &= left - 1) {
+    const int lane = lowest_bit(left);
     __global const real *record = row->records + lane * RECORD_REALS, *at = u + row->dof + lane;
     const Point p = {record[RECORD_PLACE] + at[0], record[RECORD_PLACE + 1] + at[TLED_LANES],
                      record[RECORD_PLACE + 2] + at[2 * TLED_LANES]};
@@ -130,7 +130,7 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
       zone = (int)record[RECORD_NEXT];
     if (zone >= 0) {
       __global const real* in = s->zones + (long)zone * ZONE_UNIT;
-      for (int k = 0; k < ZONE_BORDER + 6 * ZONE_BORDER_REALS; k += LINE_REALS) prefetch_line(in + k);
+      for (int k = 0; k < ZONE_BORDER + 8 * ZONE_BORDER_REALS; k += LINE_REALS) prefetch_line(in + k);
     } else {
       prefetch_line(record + LINE_REALS);
       __global const real* reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;
@@ -164,10 +164,8 @@ INLINE int shape_with(int shape, int lane, int round) {
 // Levels 1 to 4: afterwards the row's surfaces are those of the places `seen` of u.
 INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points seen,
                           __global const real* u) {
-  const int left = lanes_that_left(ball_of(row->rows + row->first), seen);
-  if (!left) return;
-  for (int lane = row->first; lane < row->last; ++lane) {
-    if (!(left >> (lane - row->first) & 1)) continue;
+  for (int left = lanes_that_left(ball_of(row->rows + row->first), seen); left; left &= left - 1) {
+    const int lane = row->first + lowest_bit(left);
     const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
     if (surface < 0) continue;
     SlideNode node;

@@ -12,9 +12,9 @@
 #define REGION_ROWS 12
 #define REGION_ALONG 0     // 3: way back for each metre off the distance, where the row has held lanes;
                            // after a step that keeps them everywhere
-#define REGION_ROUND 3     // 0 plane; edge, corner: 1 before the surface, -1 behind
-#define REGION_ON 4        // 3: edge, corner: a point of it less the reference position, m
-#define REGION_LOSS 7      // what friction took so far, J for each kg of the node
+#define REGION_LOSS 3      // what friction took so far, J for each kg of the node
+#define REGION_ROUND 4     // 0 plane; edge, corner: 1 before the surface, -1 behind
+#define REGION_ON 5        // 3: edge, corner: a point of it less the reference position, m
 #define REGION_DISTANCE 8  // to keep, m, negative behind the surface
 #define REGION_PLACE 9     // 3: reference position
 
@@ -29,7 +29,9 @@
 #define RECORD_BORDERS 16  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
 #define REGION_MOST_BORDERS 4
 
-// slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors.
+// slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors; behind the last SLIDE_AHEAD of
+// nothing, for those who look ahead.
+#define SLIDE_AHEAD 12
 #define SLIDE_HEAD 2
 #define HEAD_BLOCK 0  // whose nodes they are
 #define HEAD_SHAPE 1  // as SLIDE_SHAPE

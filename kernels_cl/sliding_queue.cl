@@ -143,9 +143,9 @@ INLINE real own_ball_together(const Foot* foot, Point u, __global real* record, 
     if (n_borders > 1 && two.distance < hold) hold = two.distance;
   }
   w->hold[item] = hold;
+  full_barrier();  // all have read the record
   if (item < 4 * REGION_MOST_BORDERS)  // none
     record[RECORD_BORDERS + item] = item % 4 == 3 ? R(1.0) : R(0.0);
-  local_barrier();
   if (foot->feature) ball = foot->distance < ball ? foot->distance : ball;
   if (foot->feature && foot->feature < 4) {
     const real end = foot->length - foot->at;

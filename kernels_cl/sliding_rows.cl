@@ -11,9 +11,20 @@ typedef struct {
   int records[SLIDING_WAIT], zones[SLIDING_WAIT], lanes[SLIDING_WAIT];
 } SlidingQueue;
 
-// Rows that are put back together: one by one they wait for each other, and after too many their nodes
-// have left the near caches. What the next as many read is fetched meanwhile.
-#define SLIDING_BATCH 12
+// SLIDE_AHEAD rows are put back together: one by one they wait for each other, and after too many their
+// nodes have left the near caches. What the next as many read is fetched meanwhile.
+INLINE void fetch_ahead(const SlideArrays* arrays, int place) {
+  __global const int* head = arrays->heads + place * SLIDE_HEAD;
+  __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
+  prefetch_line((__global const real*)(head + SLIDE_AHEAD * SLIDE_HEAD));
+  for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS) prefetch_line(lanes + k);
+  // Of rows with edges or corners. What another band has to say of the first of its own is a hint.
+  if (head[HEAD_SHAPE] > 1) {
+    __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
+    for (int k = REGION_ROUND * TLED_LANES; k < (REGION_ON + 3) * TLED_LANES; k += LINE_REALS)
+      prefetch_line(region + k);
+  }
+}
 
 INLINE void look_at_row(const SlideArrays* arrays, const SlideSurfaces* surfaces, int place,
                         __global real* u_next) {
@@ -42,9 +53,7 @@ OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* s
     __global const int* head = arrays->heads + place * SLIDE_HEAD;
     __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
     __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
-    for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS)
-      prefetch_line(lanes + SLIDING_BATCH * SLIDE_ROWS * TLED_LANES + k);
-    prefetch_line((__global const real*)(head + 2 * SLIDING_BATCH * SLIDE_HEAD));
+    fetch_ahead(arrays, place + SLIDE_AHEAD);
     __global real* nodes = u_next + (long)head[HEAD_BLOCK] * (3 * TLED_LANES);
     const Points u = lanes_of(nodes);
     const int left = lanes_that_left(ball_of(lanes), u);
@@ -66,7 +75,7 @@ OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* s
 INLINE void finish_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q, int first,
                         int count, __global real* u_next) {
   if (count == 0) return;
-  if (first != q->end || first + count > q->begin + SLIDING_BATCH) {
+  if (first != q->end || first + count > q->begin + SLIDE_AHEAD) {
     put_rows_back(arrays, surfaces, q, u_next);
     q->begin = first;
   }

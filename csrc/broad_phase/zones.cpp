@@ -20,7 +20,7 @@ constexpr double kSharp = 0.2;
 // Part of the surface's longest side here within which an edge is too near for a direction from it.
 constexpr double kTooNear = 1e-5;
 // Part of a zone that may be cut off: no plane is sought further.
-constexpr double kLittle = 0.05;
+constexpr double kLittle = 0.01;
 // Directions in which planes are tilted, and the angle between them, rad.
 constexpr int kTurns = 12;
 constexpr double kTurn = 0.2;

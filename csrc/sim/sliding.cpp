@@ -15,9 +15,8 @@ namespace {
 
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
-// First byte of a state: what follows is laid out as by this version of the kernels, with rows that
-// are those of blocks though they are no vectors, and otherwise.
-constexpr std::uint8_t kQueueLayout = 4, kLayout = 3;
+// First byte of a state: what follows is laid out as by this version of the kernels.
+constexpr std::uint8_t kLayout = 4;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain
@@ -157,7 +156,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
   std::vector<std::int32_t> ints(n_rows_ * SLIDE_INTS * lanes, 0);
   std::vector<double> records(n_rows_ * RECORD_REALS * lanes, 0.0);
-  std::vector<std::int32_t> heads(n_rows_ * SLIDE_HEAD, 0);
+  std::vector<std::int32_t> heads((n_rows_ + SLIDE_AHEAD) * SLIDE_HEAD, 0);
   if (vector_rows)
     for (std::size_t row = 0; row < n_rows_; ++row)
       heads[row * SLIDE_HEAD + HEAD_BLOCK] = block_of_row_[row];
@@ -350,7 +349,7 @@ std::array<Buffer*, 7> Sliding::known() const {
 
 std::vector<std::uint8_t> Sliding::state() const {
   device_.finish();
-  std::vector<std::uint8_t> bytes{queues_ ? kQueueLayout : kLayout};
+  std::vector<std::uint8_t> bytes{kLayout};
   for (const Buffer* buffer : known()) {
     const std::size_t at = bytes.size();
     bytes.resize(at + buffer->bytes());
@@ -362,7 +361,7 @@ std::vector<std::uint8_t> Sliding::state() const {
 void Sliding::set_state(const std::vector<std::uint8_t>& state) {
   std::size_t needed = 1;
   for (const Buffer* buffer : known()) needed += buffer->bytes();
-  if (state.size() != needed || state.front() != (queues_ ? kQueueLayout : kLayout))
+  if (state.size() != needed || state.front() != kLayout)
     throw InputError("state: it holds " + std::to_string(state.size()) +
                      " bytes of sliding nodes, this model on this device in this precision has " +
                      std::to_string(needed) +
@@ -389,7 +388,9 @@ void Sliding::forget() {
   auto ints = read_integers(*ints_), heads = read_integers(*heads_);
   for (std::size_t row = 0; row < n_rows_; ++row) {
     heads[row * SLIDE_HEAD + HEAD_SHAPE] &= 1;
-    std::fill_n(&regions[row * REGION_ROWS * lanes], REGION_LOSS * lanes, 0.0);
+    for (const int k : {REGION_ALONG, REGION_ALONG + 1, REGION_ALONG + 2, REGION_ROUND, REGION_ON,
+                        REGION_ON + 1, REGION_ON + 2})
+      std::fill_n(&regions[(row * REGION_ROWS + k) * lanes], lanes, 0.0);
     for (std::size_t lane = 0; lane < lanes; ++lane) {
       ints[(row * SLIDE_INTS + SLIDE_ZONE) * lanes + lane] = -1;
       ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + lane] &= 1;

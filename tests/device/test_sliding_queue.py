@@ -11,6 +11,25 @@ from test_oclgrind import KERNELS, oclgrind  # noqa: F401  (a fixture)
 
 SPEED, STEPS = 40, 8  # times the benchmark's: nodes change triangles within these steps
 
+CORNER = """
+import sys
+import numpy as np
+import tledface as tf
+import trimesh
+kernels, file, steps = sys.argv[1], sys.argv[2], int(sys.argv[3])
+soft = tf.material("neo_hookean", youngs_modulus=30e3, poissons_ratio=0.45, density=1000.0)
+model = tf.Model.block((4, 4, 1), (2e-3, 2e-3, 0.5e-3), soft)
+# Its corner is under the middle of the tissue, whose nodes pass over it and over its edges.
+box = trimesh.creation.box((4e-3, 4e-3, 4e-3)).apply_translation((-0.9e-3, -1.2e-3, -2.3e-3))
+model.slide(model.nodes[:, 2] < 1e-9, box)
+found = "native" if kernels == "rows" else "opencl:0"
+sim = tf.Simulator(model, device=found, kernels=kernels, precision="single", damping=200.0)
+velocity = np.zeros_like(model.nodes)
+velocity[:, 0], velocity[:, 1] = 1.0, 0.6
+sim.set_state(np.zeros_like(velocity), velocity)
+sim.step(steps)
+np.save(file, sim.u)
+"""
 PROGRAM = """
 import sys
 import numpy as np
@@ -32,10 +51,10 @@ np.save(file, core.displacement())
 """
 
 
-def displacement(folder, kernels, **environment):
+def displacement(folder, kernels, program=PROGRAM, arguments=(SPEED, STEPS), **environment):
     file = folder / f"{kernels}.npy"
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, kernels, str(file), str(SPEED), str(STEPS)],
+        [sys.executable, "-c", program, kernels, str(file), *map(str, arguments)],
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
@@ -65,6 +84,17 @@ def test_groups_find_what_a_single_item_finds(oclgrind, tmp_path, kernels):  # n
     expected = displacement(tmp_path, "rows")
     assert abs(expected).max() > 0.2e-3
     assert abs(u - expected).max() < 2e-6 * abs(expected).max()
+
+
+def test_nodes_pass_over_edges_and_a_corner(oclgrind, tmp_path):  # noqa: F811
+    """No zone is over a corner: nodes there have balls of their own, which groups find."""
+    steps = (CORNER, (60,))
+    log = tmp_path / "log"
+    u = displacement(tmp_path, "tile", *steps, **under(oclgrind, log))
+    assert not log.exists() or log.read_text() == ""
+    expected = displacement(tmp_path, "rows", *steps)
+    assert abs(expected).max() > 1e-3
+    assert abs(u - expected).max() < 1e-5 * abs(expected).max()
 
 
 def test_a_race_for_the_queue_is_seen(oclgrind, tmp_path):  # noqa: F811

@@ -1,5 +1,8 @@
 """Nodes that slide on surfaces: their distances, the search against brute force, energy."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
@@ -310,3 +313,39 @@ def test_what_is_known_of_surfaces_goes_along_with_a_state():
     for sim in (first, new):
         advance(sim, 100)
     assert np.array_equal(first.displacement(), new.displacement())
+
+
+def known(sim):
+    """Of the sliding nodes of a single-precision simulator whose rows are vectors: ball, zone."""
+    layout = Path(tf.__file__).parent / "kernels_cl" / "sliding_layout.cl"
+    size = {k: int(v) for k, v in re.findall(r"#define (\w+) (\d+)\b", layout.read_text())}
+    words = sim.raw_state()["sliding"][1:].view(np.int32)
+    reals = size["SLIDE_ROWS"] + size["REGION_ROWS"] + size["RECORD_REALS"]
+    of_lane = reals + size["SLIDE_INTS"] + 2 * size["SLIDE_MOST"] + 5
+    head, ahead = size["SLIDE_HEAD"], size["SLIDE_HEAD"] * size["SLIDE_AHEAD"]
+    n_rows = (len(words) - ahead) // (of_lane * sim.lanes + head)
+    rows = words[: n_rows * size["SLIDE_ROWS"] * sim.lanes].reshape(n_rows, -1, sim.lanes)
+    at = n_rows * (reals * sim.lanes + head) + ahead
+    ints = words[at : at + n_rows * size["SLIDE_INTS"] * sim.lanes].reshape(n_rows, -1, sim.lanes)
+    is_node = ints[:, size["SLIDE_SURFACE"]] >= 0
+    ball = rows[:, size["SLIDE_SEEN"] : size["SLIDE_SLACK"] + 1].transpose(0, 2, 1)
+    return ball[is_node], ints[:, size["SLIDE_ZONE"]][is_node]
+
+
+def test_few_nodes_are_looked_at_and_nearly_all_have_a_zone(figure):
+    """A look renews the ball of its node. Balls that do not grow off their border, and zones of
+    edges that a far triangle cuts off all along, cost twice the looks and searches.
+    """
+    body, steps, looks = _core.Workload("face", 29_500), 40, 0
+    sim = started(body, resolve("native"))
+    advance(sim, 150)
+    before, zones = known(sim)
+    assert len(zones) == len(body.sliding_nodes)
+    for _ in range(steps):
+        advance(sim, 1)
+        ball, zones = known(sim)
+        looks += (ball != before).any(axis=1).sum()
+        before = ball
+    assert looks > 0
+    figure("looks a step over nodes", looks / steps / len(zones), at_most=0.015)
+    figure("nodes in no zone over nodes", (zones < 0).mean(), at_most=0.0012)

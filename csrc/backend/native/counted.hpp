@@ -164,6 +164,7 @@ inline realv load_lanes(const real* p) { return Counted(*p); }
 inline void store_lanes(const realv& v, real* p) { *p = v.use(); }
 inline realv gather_lanes(const real* p, const int* at) { return Counted(p[*at]); }
 inline int lanes_not_below(const realv& a, const realv& b) { return !(a < b); }
+inline int lowest_bit(int bits) { return __builtin_ctz(static_cast<unsigned>(bits)); }
 inline int all_below(const realv& a, const realv& b) { return a < b; }
 // With one lane the lane behind is the next block's, the lane before the last block's.
 inline realv next_lanes(const realv& own, const realv& next) {

@@ -104,7 +104,10 @@ class NativeBuffer final : public Buffer {
       throw InputError("not enough memory: an array of " + std::to_string(bytes >> 20) +
                        " MiB could not be had; take larger voxels or a smaller region");
 #if defined(MADV_HUGEPAGE)
-    if (bytes >= kLargePage) madvise(data_, whole, MADV_HUGEPAGE);  // a wish: small ones do too
+    if (bytes >= kLargePage) {
+      madvise(data_, whole, MADV_HUGEPAGE);  // a wish: small ones do too
+      madvise(data_, whole, MADV_DONTNEED);  // what was in use before would keep its small ones
+    }
 #endif
     std::memset(data_, 0, whole);
   }

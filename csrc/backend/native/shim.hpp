@@ -57,6 +57,7 @@ inline int lanes_not_below(realv a, realv b) {
   return bits;
 #endif
 }
+inline int lowest_bit(int bits) { return __builtin_ctz(static_cast<unsigned>(bits)); }
 inline int all_below(realv a, realv b) { return lanes_not_below(a, b) == 0; }
 
 #if TLED_LANES == 16
