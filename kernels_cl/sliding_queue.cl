@@ -1,10 +1,10 @@
 // Levels 2 to 4 of sliding.cl for the nodes that wait in the queue of sliding_still.cl, a work-group a node:
 // its items take a border of a zone each, a candidate each, or cells and triangles of a search
-// (sliding_seek.cl). What they find is put together in the order in which a single work-item goes through
-// it, by every item alike, so that none waits for another more often than once for each such list.
+// (sliding_seek.cl). What they find is put together by every item alike, in an order that does not depend
+// on which was first, so that none waits for another more often than once for each such list.
 //
 // The slowest node sets the time of this kernel: what is read for a node follows from as little as can be,
-// and what does not depend on each other is read at once.
+// and what does not depend on each other is read at once; and the code is short, since it is fetched anew.
 
 // The zone of a place as zone_of. `guess`: the zone that is probably behind, read together with the
 // first; -1: none.

@@ -228,7 +228,8 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   for (Group& group : groups_)
     for (auto& kernel : group.kernel) kernel = program.kernel("slide_nodes");
   if (queues_) {
-    queue_ = integers(std::vector<std::int32_t>(SLIDE_WAITING + n_nodes_, 0));
+    // Lanes without a sliding node, too, leave their balls where a state is not finite.
+    queue_ = integers(std::vector<std::int32_t>(SLIDE_WAITING + n_rows_ * lanes, 0));
     n_groups_ = std::min<std::size_t>(
         n_nodes_, kQueueGroupsPerUnit * std::max(1u, device.info().compute_units));
     for (auto& kernel : still_) kernel = program.kernel("slide_still");
