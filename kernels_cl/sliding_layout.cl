@@ -36,8 +36,8 @@
 #define HEAD_BLOCK 0  // whose nodes they are
 #define HEAD_SHAPE 1  // as SLIDE_SHAPE
 
-// slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]. Where rows are vectors the nodes of
-// a row are those of one block, lane by lane.
+// slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]. Where rows are vectors, or a tile
+// puts nodes back, the nodes of a row are those of one block, lane by lane.
 #define SLIDE_INTS 4
 #define SLIDE_DOF 0      // of the x component in u
 #define SLIDE_SHAPE 1    // where rows are no vectors, bits: 1 a lane is held, 2 << l lane l on edge or corner

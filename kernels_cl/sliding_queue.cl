@@ -73,7 +73,8 @@ INLINE void keep_point(Point p, __local real* at) {
   at[2] = p.z;
 }
 
-// What is nearest to a place among a node's candidates, an item each; those are sought where they may miss it.
+// What is nearest to a place among a node's candidates, an item each; those are sought where they may miss
+// it.
 typedef struct {
   int face;  // -1: no number is near anything
   Nearest nearest;
@@ -166,7 +167,10 @@ INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
   const int before = *node->zone;
   const Point X = point_at(record + RECORD_PLACE);
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
-  if (is_lost(p)) return 0;
+  if (is_lost(p)) {
+    full_barrier();  // all have read what item 0 writes
+    return 0;
+  }
   Found found;
   real left = R(0.0);
   int zone = before, now, guess = before < 0 ? -1 : (int)record[RECORD_NEXT], nearest = 0, sought = 0;
@@ -229,7 +233,9 @@ __kernel __attribute__((reqd_work_group_size(SLIDE_ITEMS, 1, 1))) void slide_que
     if (item == 0) {
       const int shape = shape_with(node.row_shape, lane, round);
       *row.shape = shape;
-      store_points(moved_back(way_back(plane_of(row.rows + lane), row.regions + lane, shape, seen), seen), at);
+      const WayBack way =
+          way_back(plane_of(row.rows + lane), row.regions + lane, shape, seen);
+      store_points(moved_back(way, seen), at);
     }
     k += (int)get_num_groups(0);
     if (k < n_waiting) place = slide_queue[SLIDE_WAITING + k];

@@ -24,7 +24,7 @@ struct Tiles {
 int tile_depth(const SolverArrays& arrays, const TileShape& shape, std::size_t n_items);
 
 // A tile begins where nodes begin: they cover each band of rows from its first node on, and leave
-// out planes without one. In the order of blocks in memory.
+// out planes without one. The highest first, those of a height in the order of blocks in memory.
 Tiles make_tiles(const SolverArrays& arrays, const TileShape& shape);
 
 }  // namespace tledface

@@ -14,8 +14,8 @@ namespace {
 // A step below 0 asks laws for their answer without relaxation and flow; its size is none.
 constexpr double kInstant = -1e-30;
 
-// Tiles are made for 512 work-items at a time on a unit with 65 536 registers; no other kernel of
-// float32 needs many more.
+// Tiles are made for 512 work-items at a time on a unit with 65 536 registers. Of the other kernels
+// of float32 only slide_nodes would take more (170).
 constexpr int kTileRegisters = 128;
 
 PrecomputeOptions precompute_options(const SimulatorOptions& options, const Device& device) {
@@ -130,7 +130,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   sliding_given_ = std::move(sliding);
   if (!sliding_given_.empty()) {
     sliding_ = std::make_unique<Sliding>(sliding_given_, model_, arrays_, *device_, *program_,
-                                         options_.precision, rows_, pose_column());
+                                         options_.precision, rows_, path.tiles, pose_column());
     device_bytes_ += sliding_->bytes();
     const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
     sliding_->bind(u, *blocks_, *step_table_, step_reals_);

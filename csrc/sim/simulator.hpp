@@ -267,7 +267,8 @@ class Simulator {
   std::size_t device_bytes_ = 0;
   std::int32_t step_reals_ = 0;
 
-  std::unique_ptr<Program> program_, path_program_;  // the latter: where registers are limited
+  // The latter: where a limit of registers was asked for.
+  std::unique_ptr<Program> program_, path_program_;
   std::unique_ptr<NodalConditions> conditions_;
   SlidingNodes sliding_given_;
   std::unique_ptr<Sliding> sliding_;  // where nodes slide

@@ -15,8 +15,9 @@ namespace {
 
 // Work-items a group; on the native device, a reason to deal them out in chunks.
 constexpr std::size_t kGroup = 64;
-// First byte of a state: what follows is laid out as by this version of the kernels.
-constexpr std::uint8_t kLayout = 4;
+// First byte of a state: what follows is laid out as by this version of the kernels, and where rows
+// are those of blocks though they are no vectors.
+constexpr std::uint8_t kLayout = 4, kTileLayout = 5;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain
@@ -87,7 +88,7 @@ double rounding_of(Precision precision) { return precision == Precision::kDouble
 
 Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const SolverArrays& arrays,
                  Device& device, Program& program, Precision precision, bool vector_rows,
-                 std::int32_t pose_column)
+                 bool tiles, std::int32_t pose_column)
     : device_(device),
       precision_(precision),
       n_nodes_(given.nodes.size()),
@@ -95,6 +96,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       lanes_(arrays.lanes),
       vector_rows_(vector_rows),
       queues_(false),
+      of_blocks_(vector_rows),
       order_(arrays.order) {
   check(given, model);
   const std::size_t lanes = lanes_;
@@ -103,7 +105,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       std::any_of(given.friction.begin(), given.friction.end(), [](double f) { return f > 0; }) ||
       std::any_of(given.release.begin(), given.release.end(), [](auto r) { return r != 0; });
   queues_ = queues(device) && !vector_rows && !has_laws_;
-  const bool of_blocks = vector_rows || queues_;
+  of_blocks_ = vector_rows || (queues_ && tiles);
   // Surfaces that stand still, then each that moves: nodes of a row share the pose.
   std::vector<std::size_t> motion(given.surfaces.size(), 0);
   for (std::size_t m = 0; m < n_moving_; ++m) motion[given.moving[m]] = m + 1;
@@ -123,7 +125,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     for (; i < n_nodes_ && motion[given.surface[sorted[i]]] == moves; ++i) {
       const std::int64_t slot = arrays.node_slot[given.nodes[sorted[i]]];
       const auto block = static_cast<std::int32_t>(slot / static_cast<std::int64_t>(lanes));
-      if (of_blocks) {
+      if (of_blocks_) {
         if (node_at.size() / lanes == first_row || block_at.back() != block) {
           node_at.resize(node_at.size() + lanes, n_nodes_);
           block_at.push_back(block);
@@ -235,12 +237,12 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     for (auto& kernel : still_) kernel = program.kernel("slide_still");
     for (auto& kernel : queued_) kernel = program.kernel("slide_queued");
   }
-  if (of_blocks)
+  if (of_blocks_ || queues_)
     for (auto& kernel : keep_ways_) kernel = program.kernel("keep_ways_back");
 }
 
 std::optional<SlidingRowBuffers> Sliding::row_buffers() const {
-  if (has_laws_ || !(vector_rows_ || queues_)) return std::nullopt;
+  if (has_laws_ || !of_blocks_) return std::nullopt;
   return SlidingRowBuffers{arguments(),    &block_of_row_, rows_.get(),
                            regions_.get(), ints_.get(),    queue_.get()};
 }
@@ -300,12 +302,12 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buff
             std::int32_t(has_laws_), group.pose_column, step_reals})
         kernel.set_arg(index++, value);
     }
-    if (queue_) {
+    if (queues_) {
       unsigned index = 0;
       for (const Buffer* buffer : {rows_.get(), regions_.get(), ints_.get(), queue_.get()})
         still_[parity]->set_arg(index++, *buffer);
       still_[parity]->set_arg(index++, *u[parity]);
-      still_[parity]->set_arg(index++, static_cast<std::int32_t>(n_rows_ * lanes_));
+      still_[parity]->set_arg(index++, static_cast<std::int32_t>(n_places()));
       still_[parity]->set_arg(index, static_cast<std::int32_t>(parity));
       index = 0;
       for (const Buffer* buffer : arguments()) queued_[parity]->set_arg(index++, *buffer);
@@ -315,7 +317,7 @@ void Sliding::bind(const Buffer* const (&u)[2], const Buffer& blocks, const Buff
     }
     if (keep_ways_[parity])
       keep_ways_[parity]->set_arg(bind_nodes(*keep_ways_[parity], *u[parity]),
-                                  static_cast<std::int32_t>(n_rows_ * (vector_rows_ ? 1 : lanes_)));
+                                  static_cast<std::int32_t>(vector_rows_ ? n_rows_ : n_places()));
   }
   set_has_levels(false);
 }
@@ -327,7 +329,7 @@ void Sliding::set_has_levels(bool has_levels) {
 
 void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
   if (queues_) {
-    still_[next]->enqueue(n_rows_ * lanes_, kGroup);
+    still_[next]->enqueue(n_places(), kGroup);
     enqueue_rest(next, keep_normals);
     return;
   }
@@ -340,7 +342,7 @@ void Sliding::enqueue(int next, std::int32_t step_index, bool keep_normals) {
 
 void Sliding::enqueue_rest(int next, bool keep_normals) {
   if (queues_) queued_[next]->enqueue(n_groups_ * kQueueGroup, kQueueGroup);
-  if (keep_normals) keep_ways_[next]->enqueue(n_rows_ * (vector_rows_ ? 1 : lanes_), kGroup);
+  if (keep_normals) keep_ways_[next]->enqueue(vector_rows_ ? n_rows_ : n_places(), kGroup);
 }
 
 std::array<Buffer*, 7> Sliding::known() const {
@@ -348,9 +350,11 @@ std::array<Buffer*, 7> Sliding::known() const {
           ints_.get(), candidates_.get(), candidate_reals_.get()};
 }
 
+std::uint8_t Sliding::layout() const { return of_blocks_ && !vector_rows_ ? kTileLayout : kLayout; }
+
 std::vector<std::uint8_t> Sliding::state() const {
   device_.finish();
-  std::vector<std::uint8_t> bytes{kLayout};
+  std::vector<std::uint8_t> bytes{layout()};
   for (const Buffer* buffer : known()) {
     const std::size_t at = bytes.size();
     bytes.resize(at + buffer->bytes());
@@ -362,7 +366,7 @@ std::vector<std::uint8_t> Sliding::state() const {
 void Sliding::set_state(const std::vector<std::uint8_t>& state) {
   std::size_t needed = 1;
   for (const Buffer* buffer : known()) needed += buffer->bytes();
-  if (state.size() != needed || state.front() != kLayout)
+  if (state.size() != needed || state.front() != layout())
     throw InputError("state: it holds " + std::to_string(state.size()) +
                      " bytes of sliding nodes, this model on this device in this precision has " +
                      std::to_string(needed) +
@@ -380,7 +384,7 @@ void Sliding::set_state(const std::vector<std::uint8_t>& state) {
 // from where a state is given none waits for either.
 void Sliding::empty_queue() {
   const std::int32_t none[SLIDE_WAITING] = {};
-  if (queue_) queue_->write(none, sizeof none);
+  if (queues_) queue_->write(none, sizeof none);
 }
 
 void Sliding::forget() {

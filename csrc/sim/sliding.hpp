@@ -1,5 +1,5 @@
 // Nodes that slide on surfaces, on a device: the arrays of kernels_cl/sliding_layout.cl and the
-// kernel that comes last in each step.
+// kernels that come last in each step.
 #pragma once
 #include <array>
 #include <cstdint>
@@ -30,9 +30,10 @@ struct SlidingNodes {
 
 class Sliding {
  public:
-  // pose_column: of the step table, where the poses of moving surfaces begin.
+  // tiles: whether tiles may put the nodes back. pose_column: of the step table, where the poses of
+  // moving surfaces begin.
   Sliding(const SlidingNodes& given, const VoxelModel& model, const SolverArrays& arrays,
-          Device& device, Program& program, Precision precision, bool vector_rows,
+          Device& device, Program& program, Precision precision, bool vector_rows, bool tiles,
           std::int32_t pose_column);
 
   // Values a step that poses take: of each moving surface one at its begin, one at its end, 3 x 4
@@ -77,6 +78,9 @@ class Sliding {
   std::vector<double> read_reals(const Buffer& buffer) const;
   std::array<Buffer*, 7> known() const;          // arrays of what state() holds
   std::vector<const Buffer*> arguments() const;  // TLED_SLIDING_ARGUMENTS
+  std::uint8_t layout() const;
+  // Of rows of blocks all; else those behind the last node share a slot of nothing.
+  std::size_t n_places() const { return of_blocks_ ? n_rows_ * lanes_ : n_nodes_; }
   void empty_queue();
   std::vector<std::int32_t> read_integers(const Buffer& buffer) const;
 
@@ -84,7 +88,7 @@ class Sliding {
   Precision precision_;
   std::size_t bytes_ = 0, n_nodes_, n_rows_ = 0, n_moving_;
   int lanes_;
-  bool has_laws_, vector_rows_, queues_;
+  bool has_laws_, vector_rows_, queues_, of_blocks_;
   std::array<int, 3> order_;
   Vec3 centre_;
   std::vector<std::size_t> place_;  // of each node among the rows' lanes

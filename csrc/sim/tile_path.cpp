@@ -66,8 +66,7 @@ class TilePath final : public ForcePath {
   }
   bool fuse_sliding(const SlidingRowBuffers& sliding) override {
     if (!sliding.queue) return false;
-    for (auto& kernel : slide_) kernel = binder_.make("slide_tile_" + form_, {}, {});
-    if (group_ > slide_[0]->largest_group()) return false;
+    if (group_ > binder_.make("slide_tile_" + form_, {}, {})->largest_group()) return false;
     std::vector<std::int32_t> row_of_block(std::size_t(n_blocks_) + 1, -1);
     for (std::size_t row = 0; row < sliding.blocks->size(); ++row)
       row_of_block[(*sliding.blocks)[row]] = static_cast<std::int32_t>(row);

@@ -96,7 +96,8 @@ def fastest(
 ) -> Kernels:
     """Look up the fastest kernels of an OpenCL device, or time the candidates on a block."""
     info = device.info
-    key = f"{_key(device)}, {precision}, {hourglass}"
+    body = "x".join(map(str, cells))
+    key = f"{_key(device)}, {precision}, {hourglass}, {body}"
     known = _chosen.get(key) or _remembered(key, {str(c): c for c in candidates})
     if known is None:
         able = [c for c in candidates if not c.registers or info.limits_registers]
@@ -211,7 +212,7 @@ def _timed(
 
 
 def _block(cells: tuple[int, int, int]) -> Any:
-    """Soft tissue with a muscle through an eighth of it, which contracts."""
+    """Soft tissue with a muscle through its lowest layers, an eighth or one, which contracts."""
     from tledface.constitutive import material
     from tledface.model import Model
 

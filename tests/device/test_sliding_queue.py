@@ -16,7 +16,7 @@ import sys
 import numpy as np
 import tledface as tf
 import trimesh
-kernels, file, steps = sys.argv[1], sys.argv[2], int(sys.argv[3])
+kernels, file, steps, speed = sys.argv[1], sys.argv[2], int(sys.argv[3]), float(sys.argv[4])
 soft = tf.material("neo_hookean", youngs_modulus=30e3, poissons_ratio=0.45, density=1000.0)
 model = tf.Model.block((4, 4, 1), (2e-3, 2e-3, 0.5e-3), soft)
 # Its corner is under the middle of the tissue, whose nodes pass over it and over its edges.
@@ -25,7 +25,7 @@ model.slide(model.nodes[:, 2] < 1e-9, box)
 found = "native" if kernels == "rows" else "opencl:0"
 sim = tf.Simulator(model, device=found, kernels=kernels, precision="single", damping=200.0)
 velocity = np.zeros_like(model.nodes)
-velocity[:, 0], velocity[:, 1] = 1.0, 0.6
+velocity[:, 0], velocity[:, 1] = speed, 0.6 * speed
 sim.set_state(np.zeros_like(velocity), velocity)
 sim.step(steps)
 np.save(file, sim.u)
@@ -53,15 +53,19 @@ np.save(file, core.displacement())
 
 def displacement(folder, kernels, program=PROGRAM, arguments=(SPEED, STEPS), **environment):
     file = folder / f"{kernels}.npy"
-    done = subprocess.run(
+    done = ended(file, kernels, program, arguments, **environment)
+    assert done.returncode == 0, done.stderr
+    return np.load(file)
+
+
+def ended(file, kernels, program, arguments, **environment):
+    return subprocess.run(
         [sys.executable, "-c", program, kernels, str(file), *map(str, arguments)],
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
         timeout=300,
     )
-    assert done.returncode == 0, done.stderr
-    return np.load(file)
 
 
 def under(library, log, **environment):
@@ -88,13 +92,22 @@ def test_groups_find_what_a_single_item_finds(oclgrind, tmp_path, kernels):  # n
 
 def test_nodes_pass_over_edges_and_a_corner(oclgrind, tmp_path):  # noqa: F811
     """No zone is over a corner: nodes there have balls of their own, which groups find."""
-    steps = (CORNER, (60,))
+    steps = (CORNER, (60, 1.0))
     log = tmp_path / "log"
     u = displacement(tmp_path, "tile", *steps, **under(oclgrind, log))
     assert not log.exists() or log.read_text() == ""
     expected = displacement(tmp_path, "rows", *steps)
     assert abs(expected).max() > 1e-3
     assert abs(u - expected).max() < 1e-5 * abs(expected).max()
+
+
+@pytest.mark.parametrize("kernels", ["gather", "tile"])
+def test_a_run_that_diverges_keeps_to_its_arrays(oclgrind, tmp_path, kernels):  # noqa: F811
+    """All lanes of a row wait then, whether they have a sliding node or not."""
+    log = tmp_path / "log"
+    done = ended(tmp_path / "u.npy", kernels, CORNER, (40, 8.0), **under(oclgrind, log))
+    assert "no longer finite" in done.stderr
+    assert not log.exists() or log.read_text() == ""
 
 
 def test_a_race_for_the_queue_is_seen(oclgrind, tmp_path):  # noqa: F811

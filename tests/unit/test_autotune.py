@@ -67,7 +67,7 @@ def test_the_fastest_is_chosen_and_kept(device, monkeypatch, best):
     for part in (device.info.name, device.info.driver, tf.__version__, "single", "physical"):
         assert part in key
     assert kept[key]["chosen"] == str(CANDIDATES[best])
-    assert kept[key]["ms_per_step"][str(CANDIDATES[best])] == 100.0  # of 20 steps
+    assert kept[key]["ms_per_step"][str(CANDIDATES[best])] == 50.0  # of 40 steps
 
 
 def test_one_slow_turn_does_not_decide(device):
