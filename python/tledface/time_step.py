@@ -40,18 +40,23 @@ SAFETY, _TAUT = 0.8, 0.88
 # Shares of the bound's stiffness that selective mass scaling tries, the first that does is taken.
 RELIEFS = (0.5, 0.6, 0.75, 1.0)
 # Shortest steps between two looks at the state (finite? the limit for the strain of now?): few at
-# first and while the limit is falling, then more. A look costs as much as a step or two.
+# first and while the limit moves, up or down, then more. A look costs as much as a step or two.
 _FIRST_CHECK, _LAST_CHECK = 8, 512
+# Of the limit's logarithm, changes that are no more than its estimate's own.
+_STEADY = 0.02
+# Until the next look the limit may eat up this share of the room over dt at the pace it had; most
+# of an earlier pace is kept from look to look, since tissue that buckles once does so again. Fat
+# that folds in a forehead takes a third off the limit within 0.1 ms, between two rises of as much.
+_ROOM, _KEPT_PACE = 0.15, 0.75
 # An automatic dt is raised by no less than the first factor, up to that of rest, since each change
 # costs some accuracy. The iteration that finds out is run when the nodes' bound, which moves less
 # than the limit, has risen by the second.
 _RAISE, _HOPE = 1.25, 1.02
 # Shortest steps from one iteration to the next, by the kind of the device. One takes 1.4 s of a
-# host for 500 000 elements, in which a GPU takes some 30 000 steps; the nodes' bound, which is
-# there at once, asks for steps up to a third shorter. Counted, not timed: runs repeat bit for bit.
-_PAUSE = {"gpu": 1 << 15, "accelerator": 1 << 15}
-# The limit is falling when a look finds it lower than this share of the one before.
-_FALLING = 0.98
+# host for 500 000 elements, in which its own kernels take some 100 steps and a GPU 30 000; the
+# nodes' bound, which is there at once, asks for steps up to a third shorter. Counted, not timed:
+# runs repeat bit for bit.
+_PAUSE = {"native": 256, "cpu": 256, "gpu": 1 << 15, "accelerator": 1 << 15}
 # Shares of a fibre's stretch that it may reach until the next look: contraction stiffens it. Far
 # down after an activation has jumped.
 _REACH_LOW, _JUMP_LOW, _REACH_HIGH = 0.8, 0.5, 1.1
@@ -141,6 +146,7 @@ class StepWatch:
         self._check_after(_FIRST_CHECK)
         self.stale = stale
         self.last_bound, self.stiffest = self.rest_limit, self.critical
+        self.pace = 0.0  # of the limit, its logarithm a shortest step
         # The nodes' bound when dt was last set by it, or last found not to be worth raising.
         self.bound_then = self._rest_bound
         self.expected = np.zeros(0)
@@ -180,18 +186,12 @@ class StepWatch:
             wide = min(SAFETY * limit, self.auto_dt) > _RAISE * core.dt
         if core.limit_iterations > iterations:
             self.iterated_at = core.n_steps
-        falling = early or limit < _FALLING * self.last_bound
-        interval = (
-            max(_FIRST_CHECK, self.check_interval // 2)
-            if falling
-            else min(_LAST_CHECK, 2 * self.check_interval)
-        )
-        self._check_after(_FIRST_CHECK if early else interval)
-        self.last_bound, self.stiffest = limit, stiffest
         taut = 0.0 < limit < enough
         if self.auto and (taut or wide):
             core.dt = min(SAFETY * limit, self.auto_dt)
             self.bound_then = bound
+        self._check_after(_FIRST_CHECK if early else self._next_interval(limit))
+        self.last_bound, self.stiffest = limit, stiffest
         core.choose_levels()
         if taut and not self.auto and not self.warned:
             self.warned = True
@@ -203,6 +203,20 @@ class StepWatch:
                 StepWarning,
                 stacklevel=4,
             )
+
+    def _next_interval(self, limit: float) -> int:
+        """Shortest steps to the next look, after one that found this limit and set dt."""
+        if not (0.0 < limit < math.inf and 0.0 < self.last_bound < math.inf):
+            return _FIRST_CHECK
+        moved = abs(math.log(limit / self.last_bound)) - _STEADY
+        pace = max(0.0, moved) / self.check_interval
+        self.pace = max(pace, _KEPT_PACE * self.pace)
+        # A given dt may be beyond all room; what it is looked at for is the warning.
+        room = math.log(limit / self._core.dt) if self.auto else -math.log(SAFETY)
+        most = min(_LAST_CHECK, 2 * self.check_interval)
+        if self.pace * most <= _ROOM * room:
+            return most
+        return max(_FIRST_CHECK, int(_ROOM * room / self.pace))
 
     def _steps(self, shortest: int) -> int:
         """Whole steps that have so many of the shortest."""
