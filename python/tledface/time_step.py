@@ -208,15 +208,16 @@ class StepWatch:
         """Shortest steps to the next look, after one that found this limit and set dt."""
         if not (0.0 < limit < math.inf and 0.0 < self.last_bound < math.inf):
             return _FIRST_CHECK
-        moved = abs(math.log(limit / self.last_bound)) - _STEADY
-        pace = max(0.0, moved) / self.check_interval
+        moved = abs(math.log(limit / self.last_bound))
+        moves = moved > _STEADY
+        pace = moved / self.check_interval if moves else 0.0
         self.pace = max(pace, _KEPT_PACE * self.pace)
         # A given dt may be beyond all room; what it is looked at for is the warning.
         room = math.log(limit / self._core.dt) if self.auto else -math.log(SAFETY)
-        most = min(_LAST_CHECK, 2 * self.check_interval)
-        if self.pace * most <= _ROOM * room:
-            return most
-        return max(_FIRST_CHECK, int(_ROOM * room / self.pace))
+        most = self.check_interval // 2 if moves else min(_LAST_CHECK, 2 * self.check_interval)
+        if self.pace * most > _ROOM * room:
+            most = int(_ROOM * room / self.pace)
+        return max(_FIRST_CHECK, most)
 
     def _steps(self, shortest: int) -> int:
         """Whole steps that have so many of the shortest."""
