@@ -51,7 +51,7 @@ _ROOM, _KEPT_PACE = 0.15, 0.75
 # An automatic dt is raised by no less than the first factor, up to that of rest, since each change
 # costs some accuracy. The iteration that finds out is run when the nodes' bound, which moves less
 # than the limit, has risen by the second.
-_RAISE, _HOPE = 1.25, 1.02
+_RAISE, _HOPE = 1.15, 1.02
 # Shortest steps from one iteration to the next, by the kind of the device. One takes 1.4 s of a
 # host for 500 000 elements, in which its own kernels take some 100 steps and a GPU 30 000; the
 # nodes' bound, which is there at once, asks for steps up to a third shorter. Counted, not timed:
