@@ -179,7 +179,8 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       put_int(SLIDE_DOF, block_of_row_[row] < 0
                              ? empty
                              : static_cast<std::int32_t>(block_of_row_[row] * 3 * lanes + lane));
-      records[place * RECORD_REALS + RECORD_SURFACE] = -1;
+      for (const int k : {RECORD_NEXT, RECORD_ZONE, RECORD_SURFACE})
+        records[place * RECORD_REALS + k] = -1;
       continue;
     }
     const std::size_t i = node_at[place];

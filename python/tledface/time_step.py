@@ -171,7 +171,8 @@ class StepWatch:
         self.stale = False
         ahead = np.linspace(0, self._steps(self.check_interval), _AHEAD).astype(np.int64)
         self.expected = sample(ahead).max(axis=0, initial=0.0)
-        enough = core.dt / _TAUT if self.auto else core.dt
+        # Of a given dt nothing is asked once it was warned of.
+        enough = core.dt / _TAUT if self.auto else 0.0 if self.warned else core.dt
         low = _JUMP_LOW if early else _REACH_LOW
         waits = core.n_steps - self.iterated_at < self._pause
         iterations = core.limit_iterations
@@ -184,12 +185,14 @@ class StepWatch:
             limit, _, stiffest, bound = core.limit_now(self.expected, math.inf, low, _REACH_HIGH)
             self.bound_then = bound
             wide = min(SAFETY * limit, self.auto_dt) > _RAISE * core.dt
-        if core.limit_iterations > iterations:
+        iterated = core.limit_iterations > iterations
+        if iterated:
             self.iterated_at = core.n_steps
         taut = 0.0 < limit < enough
         if self.auto and (taut or wide):
             core.dt = min(SAFETY * limit, self.auto_dt)
-            self.bound_then = bound
+            # By the bound alone it may have become too short: an iteration says, as soon as one may.
+            self.bound_then = bound if iterated else 0.0
         self._check_after(_FIRST_CHECK if early else self._next_interval(limit))
         self.last_bound, self.stiffest = limit, stiffest
         core.choose_levels()
@@ -206,7 +209,10 @@ class StepWatch:
 
     def _next_interval(self, limit: float) -> int:
         """Shortest steps to the next look, after one that found this limit and set dt."""
-        if not (0.0 < limit < math.inf and 0.0 < self.last_bound < math.inf):
+        most = min(_LAST_CHECK, 2 * self.check_interval)
+        if self.warned or limit == math.inf:  # nothing is to be found any more
+            return most
+        if not (0.0 < limit and 0.0 < self.last_bound):
             return _FIRST_CHECK
         moved = abs(math.log(limit / self.last_bound))
         moves = moved > _STEADY
@@ -214,7 +220,8 @@ class StepWatch:
         self.pace = max(pace, _KEPT_PACE * self.pace)
         # A given dt may be beyond all room; what it is looked at for is the warning.
         room = math.log(limit / self._core.dt) if self.auto else -math.log(SAFETY)
-        most = self.check_interval // 2 if moves else min(_LAST_CHECK, 2 * self.check_interval)
+        if moves:
+            most = self.check_interval // 2
         if self.pace * most > _ROOM * room:
             most = int(_ROOM * room / self.pace)
         return max(_FIRST_CHECK, most)
