@@ -52,6 +52,9 @@ _ROOM, _KEPT_PACE = 0.15, 0.75
 # costs some accuracy. The iteration that finds out is run when the nodes' bound, which moves less
 # than the limit, has risen by the second.
 _RAISE, _HOPE = 1.15, 1.02
+# Or when the bound alone had lowered it, once looks are this far apart: of a limit that still moves
+# the estimate would soon be the bound's again.
+_CALM = 128
 # Shortest steps from one iteration to the next, by the kind of the device. One takes 1.4 s of a
 # host for 500 000 elements, in which its own kernels take some 100 steps and a GPU 30 000; the
 # nodes' bound, which is there at once, asks for steps up to a third shorter. Counted, not timed:
@@ -147,7 +150,8 @@ class StepWatch:
         self.stale = stale
         self.last_bound, self.stiffest = self.rest_limit, self.critical
         self.pace = 0.0  # of the limit, its logarithm a shortest step
-        # The nodes' bound when dt was last set by it, or last found not to be worth raising.
+        # The nodes' bound when an iteration last set dt, or last found it not to be worth raising;
+        # 0 where the bound alone set it.
         self.bound_then = self._rest_bound
         self.expected = np.zeros(0)
         self.iterated_at = self._core.n_steps
@@ -181,7 +185,8 @@ class StepWatch:
             self.expected, 0.0 if early or waits else enough, low, _REACH_HIGH
         )
         wide = False
-        if self.auto and not early and not waits and bound > _HOPE * self.bound_then:
+        hopes = bound > _HOPE * self.bound_then if self.bound_then else self.check_interval >= _CALM
+        if self.auto and not early and not waits and hopes:
             limit, _, stiffest, bound = core.limit_now(self.expected, math.inf, low, _REACH_HIGH)
             self.bound_then = bound
             wide = min(SAFETY * limit, self.auto_dt) > _RAISE * core.dt
@@ -191,7 +196,7 @@ class StepWatch:
         taut = 0.0 < limit < enough
         if self.auto and (taut or wide):
             core.dt = min(SAFETY * limit, self.auto_dt)
-            # By the bound alone it may have become too short: an iteration says, as soon as one may.
+            # By the bound alone it may have become too short: an iteration will say.
             self.bound_then = bound if iterated else 0.0
         self._check_after(_FIRST_CHECK if early else self._next_interval(limit))
         self.last_bound, self.stiffest = limit, stiffest
@@ -212,7 +217,7 @@ class StepWatch:
         most = min(_LAST_CHECK, 2 * self.check_interval)
         if self.warned or limit == math.inf:  # nothing is to be found any more
             return most
-        if not (0.0 < limit and 0.0 < self.last_bound):
+        if not (limit > 0.0 and self.last_bound > 0.0):
             return _FIRST_CHECK
         moved = abs(math.log(limit / self.last_bound))
         moves = moved > _STEADY
