@@ -113,7 +113,6 @@ INLINE void fetch_nodes(const SlideRow* row, __global const real* u) {
   prefetch_line(u + row->dof + 3 * TLED_LANES - 1);
 }
 INLINE void fetch_records(const SlideRow* row, int lanes) {
-  prefetch_line((__global const real*)(row->ints + SLIDE_ZONE * TLED_LANES));
   for (int left = lanes; left; left &= left - 1)
     prefetch_line(row->records + lowest_bit(left) * RECORD_REALS);
 }
@@ -125,7 +124,7 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
     __global const real *record = row->records + lane * RECORD_REALS, *at = u + row->dof + lane;
     const Point p = {record[RECORD_PLACE] + at[0], record[RECORD_PLACE + 1] + at[TLED_LANES],
                      record[RECORD_PLACE + 2] + at[2 * TLED_LANES]};
-    int zone = row->ints[SLIDE_ZONE * TLED_LANES + lane];
+    int zone = (int)record[RECORD_ZONE];
     if (inner(point_at(record + RECORD_EXIT), p) > record[RECORD_EXIT + 3])
       zone = (int)record[RECORD_NEXT];
     if (zone >= 0) {
@@ -143,8 +142,10 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
 }
 #endif
 
-// A lane of a row; `surface`: its SLIDE_SURFACE.
-INLINE void name_node(const SlideRow* row, int lane, int surface, SlideNode* node) {
+// A lane of a row. Whether a node is there.
+INLINE int name_node(const SlideRow* row, int lane, SlideNode* node) {
+  node->record = row->records + lane * RECORD_REALS;
+  const int surface = (int)node->record[RECORD_SURFACE];
   node->surface = surface >> 3;
   // Held components are looked after by whoever turns the way back, where the surface may turn.
   node->free = row->moves ? 7 : surface & 7;
@@ -152,10 +153,9 @@ INLINE void name_node(const SlideRow* row, int lane, int surface, SlideNode* nod
   node->lane = lane;
   node->rows = row->rows + lane;
   node->region = row->regions + lane;
-  node->record = row->records + lane * RECORD_REALS;
-  node->zone = row->ints + SLIDE_ZONE * TLED_LANES + lane;
   node->candidates = row->candidates + lane * SLIDE_CANDIDATES;
   node->candidate_reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;
+  return surface >= 0;
 }
 INLINE int shape_with(int shape, int lane, int round) {
   return (shape & ~(2 << lane)) | round << (lane + 1);
@@ -166,10 +166,8 @@ INLINE void find_surfaces(const SlideRow* row, const SlideSurfaces* s, Points se
                           __global const real* u) {
   for (int left = lanes_that_left(ball_of(row->rows + row->first), seen); left; left &= left - 1) {
     const int lane = row->first + lowest_bit(left);
-    const int surface = row->ints[SLIDE_SURFACE * TLED_LANES + lane];
-    if (surface < 0) continue;
     SlideNode node;
-    name_node(row, lane, surface, &node);
+    if (!name_node(row, lane, &node)) continue;
     __global const real* at = u + row->dof + (lane - row->first);
     Point v = {at[0], at[TLED_LANES], at[2 * TLED_LANES]};
     if (row->moves) v = seen_from(row->pose, point_at(node.record + RECORD_PLACE), v);

@@ -26,23 +26,23 @@
 #define RECORD_EXIT 5      // 4: that border
 #define RECORD_ANCHOR 9    // 3: displacement when level 3 was last run, m
 #define RECORD_RADIUS 12   // of the region's ball, m
+#define RECORD_ZONE 13     // where it was last; -1: in none, the region is its own
+#define RECORD_SURFACE 14  // 8 times the surface and bits: 1 x may move, 2 y, 4 z; -1: no node here
 #define RECORD_BORDERS 16  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
 #define REGION_MOST_BORDERS 4
 
 // slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors; behind the last SLIDE_AHEAD of
 // nothing, for those who look ahead.
-#define SLIDE_AHEAD 12
+#define SLIDE_AHEAD 24
 #define SLIDE_HEAD 2
 #define HEAD_BLOCK 0  // whose nodes they are
 #define HEAD_SHAPE 1  // as SLIDE_SHAPE
 
 // slide_ints[(row of nodes * SLIDE_INTS + k) * TLED_LANES + lane]. Where rows are vectors, or a tile
 // puts nodes back, the nodes of a row are those of one block, lane by lane.
-#define SLIDE_INTS 4
+#define SLIDE_INTS 2
 #define SLIDE_DOF 0      // of the x component in u
 #define SLIDE_SHAPE 1    // where rows are no vectors, bits: 1 a lane is held, 2 << l lane l on edge or corner
-#define SLIDE_ZONE 2     // where it was last; -1: in none, the region is its own
-#define SLIDE_SURFACE 3  // 8 times the surface and bits: 1 x may move, 2 y, 4 z; -1: no node here
 
 // slide_queue, where rows are no vectors: how many nodes wait for a look in a step to the first of the two
 // displacement buffers and in one to the second, then their places, row of nodes * TLED_LANES + lane.

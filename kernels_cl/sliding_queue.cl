@@ -164,7 +164,7 @@ INLINE real own_ball_together(const Foot* foot, Point u, __global real* record, 
 INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
                          __local Together* w, int item) {
   __global real* record = node->record;
-  const int before = *node->zone;
+  const int before = (int)record[RECORD_ZONE];
   const Point X = point_at(record + RECORD_PLACE);
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
   if (is_lost(p)) {
@@ -205,7 +205,7 @@ INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
   if (is_new && item == 0) write_node_shape(node, shape);
   const real ball = now >= 0 ? ball_together(s, now, p, nearest, left, w, item) : R(0.0);
   full_barrier();  // all have read what item 0 writes
-  if (item == 0) write_look(s, node, u, p, before, now, nearest, left, ball);
+  if (item == 0) write_look(s, node, u, p, now, nearest, left, ball);
   return round;
 }
 
@@ -225,7 +225,7 @@ __kernel __attribute__((reqd_work_group_size(SLIDE_ITEMS, 1, 1))) void slide_que
     const int lane = place % TLED_LANES;
     const SlideRow row = row_of(&arrays, place / TLED_LANES, lane);
     SlideNode node;
-    name_node(&row, lane, row.ints[SLIDE_SURFACE * TLED_LANES + lane], &node);
+    name_node(&row, lane, &node);
     __global real* at = u_next + row.dof;
     const Points seen = lanes_of(at);
     const Point u = {seen.x, seen.y, seen.z};

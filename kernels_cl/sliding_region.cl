@@ -113,7 +113,7 @@ INLINE int beside_edge(__global const real* triangle, Point a, Point b, Point al
 typedef struct {
   int surface, free, row_shape, lane;
   __global real *rows, *region, *record;
-  __global int *zone, *candidates;
+  __global int* candidates;
   __global real* candidate_reals;
 } SlideNode;
 
@@ -431,12 +431,12 @@ INLINE real left_in_region(__global const real* record, Point u) {
 // A state that has run away is for the watch to report, not to be sought for.
 INLINE int is_lost(Point p) { return !(inner(p, p) < LOST * LOST); }
 
-// What is known of a node at displacement u, at p, after a look: its zone before and now and how far that
+// What is known of a node at displacement u, at p, after a look: its zone `now` and how far that
 // holds, of `now` >= 0 to its border `nearest`, and the ball in it.
-INLINE void write_look(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int before,
-                       int now, int nearest, real left, real ball) {
+INLINE void write_look(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int now,
+                       int nearest, real left, real ball) {
   __global real* record = node->record;
-  if (now != before) *node->zone = now;
+  record[RECORD_ZONE] = (real)now;
   Point middle = u;
   if (now >= 0) {
     __global const real* border =
@@ -460,7 +460,7 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
   const Point X = point_at(record + RECORD_PLACE);
   const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
   if (is_lost(p)) return 0;
-  const int before = *node->zone;
+  const int before = (int)record[RECORD_ZONE];
   real left = R(0.0);
   int nearest = 0, now = zone_of(s, before, p, node->free, &left, &nearest), round;
   if (now >= 0) {
@@ -475,6 +475,6 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
   }
   const real ball =
       now >= 0 ? ball_in_zone(s->zones + (long)now * ZONE_UNIT, p, nearest, left) : R(0.0);
-  write_look(s, node, u, p, before, now, nearest, left, ball);
+  write_look(s, node, u, p, now, nearest, left, ball);
   return round;
 }

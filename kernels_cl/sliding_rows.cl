@@ -12,7 +12,8 @@ typedef struct {
 } SlidingQueue;
 
 // SLIDE_AHEAD rows are put back together: one by one they wait for each other, and after too many their
-// nodes have left the near caches. What the next as many read is fetched meanwhile.
+// nodes have left the near caches. What the next as many read is fetched a row at a time, with each row
+// that is finished: all at once it would keep the row kernel waiting for its own.
 INLINE void fetch_ahead(const SlideArrays* arrays, int place) {
   __global const int* head = arrays->heads + place * SLIDE_HEAD;
   __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
@@ -53,7 +54,6 @@ OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* s
     __global const int* head = arrays->heads + place * SLIDE_HEAD;
     __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
     __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
-    fetch_ahead(arrays, place + SLIDE_AHEAD);
     __global real* nodes = u_next + (long)head[HEAD_BLOCK] * (3 * TLED_LANES);
     const Points u = lanes_of(nodes);
     const int left = lanes_that_left(ball_of(lanes), u);
@@ -71,10 +71,12 @@ OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* s
   q->begin = q->end;
 }
 
-// A row of blocks is finished that has `count` rows of sliding nodes from `first` on.
-INLINE void finish_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q, int first,
+// A row of blocks is finished that has `count` rows of sliding nodes from `first` on. Out of line, so that
+// the row kernel keeps its registers.
+OUT_OF_LINE void finish_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q, int first,
                         int count, __global real* u_next) {
   if (count == 0) return;
+  for (int place = first; place < first + count; ++place) fetch_ahead(arrays, place + SLIDE_AHEAD);
   if (first != q->end || first + count > q->begin + SLIDE_AHEAD) {
     put_rows_back(arrays, surfaces, q, u_next);
     q->begin = first;

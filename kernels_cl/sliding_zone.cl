@@ -51,7 +51,9 @@ INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* le
 // border is `farther` than the nearest and nears by `nears` of the way.
 #define MOST_GROWTH R(1e3)
 INLINE real growth_before(real most, real farther, real nears) {
-  return farther < most * nears ? farther / nears : most;
+  // No branch: which borders count is known too late to be guessed.
+  const real growth = farther / nears;
+  return farther < most * nears ? growth : most;
 }
 
 INLINE real grown(real left, real most) { return most > R(0.0) ? left + most : left; }
@@ -68,8 +70,9 @@ INLINE real ball_in_zone(__global const real* zone, Point p, int nearest, real l
   const int count = (int)zone[ZONE_COUNT];
   for (int k = 0; k < count; ++k) {
     __global const real* border = zone + ZONE_BORDER + k * ZONE_BORDER_REALS;
-    if (k == nearest) continue;  // by rounding it might near by a little, and nothing would grow
-    most = growth_before(most, ahead_of(border, p) - left, nears_along(border, outward));
+    // By rounding the nearest might near by a little, and nothing would grow.
+    const real farther = k == nearest ? R(1e30) : ahead_of(border, p) - left;
+    most = growth_before(most, farther, nears_along(border, outward));
   }
   return grown(left, most);
 }

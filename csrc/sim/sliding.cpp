@@ -17,7 +17,7 @@ namespace {
 constexpr std::size_t kGroup = 64;
 // First byte of a state: what follows is laid out as by this version of the kernels, and where rows
 // are those of blocks though they are no vectors.
-constexpr std::uint8_t kLayout = 4, kTileLayout = 5;
+constexpr std::uint8_t kLayout = 6, kTileLayout = 7;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain
@@ -59,11 +59,12 @@ void check(const SlidingNodes& given, const VoxelModel& model) {
 }
 
 // Nothing is known of where nodes slide; lanes without one are never looked at.
-std::vector<double> unknown_rows(const std::vector<std::int32_t>& ints, std::size_t lanes) {
-  std::vector<double> rows(ints.size() / SLIDE_INTS * SLIDE_ROWS, 0.0);
-  for (std::size_t row = 0; row < ints.size() / (SLIDE_INTS * lanes); ++row)
+std::vector<double> unknown_rows(const std::vector<double>& records, std::size_t lanes) {
+  const std::size_t n_places = records.size() / RECORD_REALS;
+  std::vector<double> rows(n_places * SLIDE_ROWS, 0.0);
+  for (std::size_t row = 0; row < n_places / lanes; ++row)
     for (std::size_t lane = 0; lane < lanes; ++lane)
-      if (ints[(row * SLIDE_INTS + SLIDE_SURFACE) * lanes + lane] < 0)
+      if (records[(row * lanes + lane) * RECORD_REALS + RECORD_SURFACE] < 0)
         rows[(row * SLIDE_ROWS + SLIDE_SLACK) * lanes + lane] = 1e15;  // its square is a float
   return rows;
 }
@@ -178,14 +179,13 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       put_int(SLIDE_DOF, block_of_row_[row] < 0
                              ? empty
                              : static_cast<std::int32_t>(block_of_row_[row] * 3 * lanes + lane));
-      put_int(SLIDE_SURFACE, -1);
-      put_int(SLIDE_ZONE, -1);
+      for (const int k : {RECORD_NEXT, RECORD_ZONE, RECORD_SURFACE})
+        records[place * RECORD_REALS + k] = -1;
       continue;
     }
     const std::size_t i = node_at[place];
     const std::int64_t node = given.nodes[i], slot = arrays.node_slot[node];
     put_int(SLIDE_DOF, static_cast<std::int32_t>(slot / lanes * 3 * lanes + slot % lanes));
-    put_int(SLIDE_ZONE, -1);
     const auto at = model.position(node);
     std::int32_t free = 0;
     for (int a = 0; a < 3; ++a) {
@@ -196,18 +196,18 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
       free |= 1 << a;
       if (has_laws_) put_law(SLIDE_MAY + a, 1);
     }
-    put_int(SLIDE_SURFACE, 8 * given.surface[i] + free);
+    records[place * RECORD_REALS + RECORD_SURFACE] = 8 * given.surface[i] + free;
     if (free != 7 && motion[given.surface[i]] == 0) {
       ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + lane] |= 1;
       if (vector_rows) heads[row * SLIDE_HEAD + HEAD_SHAPE] |= 1;
     }
     put(REGION_DISTANCE, given.distance[i]);
-    records[place * RECORD_REALS + RECORD_NEXT] = -1;
+    for (const int k : {RECORD_NEXT, RECORD_ZONE}) records[place * RECORD_REALS + k] = -1;
     records[place * RECORD_REALS + RECORD_DISTANCE] = given.distance[i];
     if (!given.friction.empty() && has_laws_) put_law(SLIDE_FRICTION, given.friction[i]);
     if (!given.release.empty() && has_laws_) put_law(SLIDE_RELEASE, given.release[i] ? 1 : 0);
   }
-  rows_ = reals(unknown_rows(ints, lanes));
+  rows_ = reals(unknown_rows(records, lanes));
   regions_ = reals(regions);
   records_ = reals(records);
   heads_ = integers(heads);
@@ -397,16 +397,17 @@ void Sliding::forget() {
                         REGION_ON + 1, REGION_ON + 2})
       std::fill_n(&regions[(row * REGION_ROWS + k) * lanes], lanes, 0.0);
     for (std::size_t lane = 0; lane < lanes; ++lane) {
-      ints[(row * SLIDE_INTS + SLIDE_ZONE) * lanes + lane] = -1;
       ints[(row * SLIDE_INTS + SLIDE_SHAPE) * lanes + lane] &= 1;
       double* record = &records[(row * lanes + lane) * RECORD_REALS];
+      const double surface = record[RECORD_SURFACE];
       std::fill(record + RECORD_NEXT, record + RECORD_REALS, 0.0);
-      record[RECORD_NEXT] = -1;
+      for (const int k : {RECORD_NEXT, RECORD_ZONE}) record[k] = -1;
+      record[RECORD_SURFACE] = surface;
     }
   }
   write_reals(*regions_, regions, precision_);
   write_reals(*records_, records, precision_);
-  write_reals(*rows_, unknown_rows(ints, lanes), precision_);
+  write_reals(*rows_, unknown_rows(records, lanes), precision_);
   ints_->write(ints.data(), ints.size() * sizeof(std::int32_t));
   heads_->write(heads.data(), heads.size() * sizeof(std::int32_t));
   // A radius of 0: sought at the next step.

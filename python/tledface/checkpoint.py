@@ -46,6 +46,7 @@ _WATCH = (
     "until_check",
     "last_bound",
     "bound_then",
+    "pace",
     "iterated_at",
     "stiffest",
     "expected",
@@ -194,7 +195,7 @@ def _read(
         sim._until_entry = entry.pop("until_entry")
         sim._energies = entry or None
     for key in _WATCH:
-        if key in watch:  # older files have no bound_then, no iterated_at
+        if key in watch:  # older files have no bound_then, iterated_at, pace
             setattr(sim._watch, key, watch[key])
     if unlike:
         warnings.warn(f"checkpoint {path}: {unlike}; not bit for bit", stacklevel=4)

@@ -40,18 +40,26 @@ SAFETY, _TAUT = 0.8, 0.88
 # Shares of the bound's stiffness that selective mass scaling tries, the first that does is taken.
 RELIEFS = (0.5, 0.6, 0.75, 1.0)
 # Shortest steps between two looks at the state (finite? the limit for the strain of now?): few at
-# first and while the limit is falling, then more. A look costs as much as a step or two.
+# first and while the limit moves, up or down, then more. A look costs as much as a step or two.
 _FIRST_CHECK, _LAST_CHECK = 8, 512
+# Of the limit's logarithm, changes that are no more than its estimate's own.
+_STEADY = 0.02
+# Until the next look the limit may eat up this share of the room over dt at the pace it had; most
+# of an earlier pace is kept from look to look, since tissue that buckles once does so again. Fat
+# that folds in a forehead takes a third off the limit within 0.1 ms, between two rises of as much.
+_ROOM, _KEPT_PACE = 0.15, 0.75
 # An automatic dt is raised by no less than the first factor, up to that of rest, since each change
 # costs some accuracy. The iteration that finds out is run when the nodes' bound, which moves less
 # than the limit, has risen by the second.
-_RAISE, _HOPE = 1.25, 1.02
+_RAISE, _HOPE = 1.15, 1.02
+# Or when the bound alone had lowered it, once looks are this far apart: of a limit that still moves
+# the estimate would soon be the bound's again.
+_CALM = 128
 # Shortest steps from one iteration to the next, by the kind of the device. One takes 1.4 s of a
-# host for 500 000 elements, in which a GPU takes some 30 000 steps; the nodes' bound, which is
-# there at once, asks for steps up to a third shorter. Counted, not timed: runs repeat bit for bit.
-_PAUSE = {"gpu": 1 << 15, "accelerator": 1 << 15}
-# The limit is falling when a look finds it lower than this share of the one before.
-_FALLING = 0.98
+# host for 500 000 elements, in which its own kernels take some 100 steps and a GPU 30 000; the
+# nodes' bound, which is there at once, asks for steps up to a third shorter. Counted, not timed:
+# runs repeat bit for bit.
+_PAUSE = {"native": 256, "cpu": 256, "gpu": 1 << 15, "accelerator": 1 << 15}
 # Shares of a fibre's stretch that it may reach until the next look: contraction stiffens it. Far
 # down after an activation has jumped.
 _REACH_LOW, _JUMP_LOW, _REACH_HIGH = 0.8, 0.5, 1.1
@@ -141,7 +149,9 @@ class StepWatch:
         self._check_after(_FIRST_CHECK)
         self.stale = stale
         self.last_bound, self.stiffest = self.rest_limit, self.critical
-        # The nodes' bound when dt was last set by it, or last found not to be worth raising.
+        self.pace = 0.0  # of the limit, its logarithm a shortest step
+        # The nodes' bound when an iteration last set dt, or last found it not to be worth raising;
+        # 0 where the bound alone set it.
         self.bound_then = self._rest_bound
         self.expected = np.zeros(0)
         self.iterated_at = self._core.n_steps
@@ -165,7 +175,8 @@ class StepWatch:
         self.stale = False
         ahead = np.linspace(0, self._steps(self.check_interval), _AHEAD).astype(np.int64)
         self.expected = sample(ahead).max(axis=0, initial=0.0)
-        enough = core.dt / _TAUT if self.auto else core.dt
+        # Of a given dt nothing is asked once it was warned of.
+        enough = core.dt / _TAUT if self.auto else 0.0 if self.warned else core.dt
         low = _JUMP_LOW if early else _REACH_LOW
         waits = core.n_steps - self.iterated_at < self._pause
         iterations = core.limit_iterations
@@ -174,24 +185,21 @@ class StepWatch:
             self.expected, 0.0 if early or waits else enough, low, _REACH_HIGH
         )
         wide = False
-        if self.auto and not early and not waits and bound > _HOPE * self.bound_then:
+        hopes = bound > _HOPE * self.bound_then if self.bound_then else self.check_interval >= _CALM
+        if self.auto and not early and not waits and hopes:
             limit, _, stiffest, bound = core.limit_now(self.expected, math.inf, low, _REACH_HIGH)
             self.bound_then = bound
             wide = min(SAFETY * limit, self.auto_dt) > _RAISE * core.dt
-        if core.limit_iterations > iterations:
+        iterated = core.limit_iterations > iterations
+        if iterated:
             self.iterated_at = core.n_steps
-        falling = early or limit < _FALLING * self.last_bound
-        interval = (
-            max(_FIRST_CHECK, self.check_interval // 2)
-            if falling
-            else min(_LAST_CHECK, 2 * self.check_interval)
-        )
-        self._check_after(_FIRST_CHECK if early else interval)
-        self.last_bound, self.stiffest = limit, stiffest
         taut = 0.0 < limit < enough
         if self.auto and (taut or wide):
             core.dt = min(SAFETY * limit, self.auto_dt)
-            self.bound_then = bound
+            # By the bound alone it may have become too short: an iteration will say.
+            self.bound_then = bound if iterated else 0.0
+        self._check_after(_FIRST_CHECK if early else self._next_interval(limit))
+        self.last_bound, self.stiffest = limit, stiffest
         core.choose_levels()
         if taut and not self.auto and not self.warned:
             self.warned = True
@@ -203,6 +211,25 @@ class StepWatch:
                 StepWarning,
                 stacklevel=4,
             )
+
+    def _next_interval(self, limit: float) -> int:
+        """Shortest steps to the next look, after one that found this limit and set dt."""
+        most = min(_LAST_CHECK, 2 * self.check_interval)
+        if self.warned or limit == math.inf:  # nothing is to be found any more
+            return most
+        if not (limit > 0.0 and self.last_bound > 0.0):
+            return _FIRST_CHECK
+        moved = abs(math.log(limit / self.last_bound))
+        moves = moved > _STEADY
+        pace = moved / self.check_interval if moves else 0.0
+        self.pace = max(pace, _KEPT_PACE * self.pace)
+        # A given dt may be beyond all room; what it is looked at for is the warning.
+        room = math.log(limit / self._core.dt) if self.auto else -math.log(SAFETY)
+        if moves:
+            most = self.check_interval // 2
+        if self.pace * most > _ROOM * room:
+            most = int(_ROOM * room / self.pace)
+        return max(_FIRST_CHECK, most)
 
     def _steps(self, shortest: int) -> int:
         """Whole steps that have so many of the shortest."""

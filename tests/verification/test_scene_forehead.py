@@ -283,6 +283,17 @@ def test_frown_lowers_the_brow(coarse, figure):
 
 
 @pytest.mark.slow
+def test_the_whole_head_folds_at_half_a_millimetre(tmp_path, figure):
+    """What `tledface demo forehead` runs. Its limit of the step jumps down and up on the way."""
+    scene = Scene.load(forehead.write(tmp_path / "scene"))
+    result = run_scene(scene, tmp_path / "run", device="native", quiet=True)
+    found = forehead.measure(tmp_path / "run")
+    figure("whole: brow rise, mm", 1e3 * found.brow_rise, 13.5, absolute=1.5)
+    figure("whole: folds on the line with fewest", min(found.folds.values()), 5, absolute=1)
+    assert result.steps < 22_000
+
+
+@pytest.mark.slow
 def test_the_atlas_raises_its_brow_at_half_a_millimetre(atlas, tmp_path, figure):
     """The right half, full activation: finite, nothing inverted, energies, rise and folds."""
     scene = Scene.load(forehead.write(tmp_path, data=atlas, half=True))

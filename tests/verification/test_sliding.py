@@ -325,11 +325,12 @@ def known(sim):
     head, ahead = size["SLIDE_HEAD"], size["SLIDE_HEAD"] * size["SLIDE_AHEAD"]
     n_rows = (len(words) - ahead) // (of_lane * sim.lanes + head)
     rows = words[: n_rows * size["SLIDE_ROWS"] * sim.lanes].reshape(n_rows, -1, sim.lanes)
-    at = n_rows * (reals * sim.lanes + head) + ahead
-    ints = words[at : at + n_rows * size["SLIDE_INTS"] * sim.lanes].reshape(n_rows, -1, sim.lanes)
-    is_node = ints[:, size["SLIDE_SURFACE"]] >= 0
+    at = n_rows * (size["SLIDE_ROWS"] + size["REGION_ROWS"]) * sim.lanes
+    records = words[at : at + n_rows * sim.lanes * size["RECORD_REALS"]].view(np.float32)
+    records = records.reshape(n_rows, sim.lanes, -1)
+    is_node = records[..., size["RECORD_SURFACE"]] >= 0
     ball = rows[:, size["SLIDE_SEEN"] : size["SLIDE_SLACK"] + 1].transpose(0, 2, 1)
-    return ball[is_node], ints[:, size["SLIDE_ZONE"]][is_node]
+    return ball[is_node], records[..., size["RECORD_ZONE"]][is_node]
 
 
 def test_few_nodes_are_looked_at_and_nearly_all_have_a_zone(figure):

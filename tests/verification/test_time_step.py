@@ -283,6 +283,13 @@ def test_iterations_wait_where_steps_are_cheap(monkeypatch, tmp_path):
     half, _ = run(400, until=0.008)
     half.checkpoint(tmp_path / "c.h5")
     again = tf.Simulator.restore(tmp_path / "c.h5")
+    own = ("_core", "_name_of")
+    seen, restored = (
+        {key: value for key, value in vars(sim._watch).items() if key not in own}
+        for sim in (half, again)
+    )
+    np.testing.assert_equal(restored, seen)
+    assert seen["pace"] > 0
     again.run(until=0.03)
     assert again.n_steps == some.n_steps and np.array_equal(again.u, some.u)
 
