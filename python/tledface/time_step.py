@@ -54,7 +54,7 @@ _ROOM, _KEPT_PACE = 0.15, 0.75
 _RAISE, _HOPE = 1.15, 1.02
 # Or when the bound alone had lowered it, once looks are this far apart: of a limit that still moves
 # the estimate would soon be the bound's again.
-_CALM = 128
+_CALM = 64
 # Shortest steps from one iteration to the next, by the kind of the device. One takes 1.4 s of a
 # host for 500 000 elements, in which its own kernels take some 100 steps and a GPU 30 000; the
 # nodes' bound, which is there at once, asks for steps up to a third shorter. Counted, not timed:
