@@ -73,8 +73,8 @@ OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* s
 
 // A row of blocks is finished that has `count` rows of sliding nodes from `first` on. Out of line, so that
 // the row kernel keeps its registers.
-OUT_OF_LINE void finish_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q, int first,
-                        int count, __global real* u_next) {
+OUT_OF_LINE void finish_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
+                             int first, int count, __global real* u_next) {
   if (count == 0) return;
   for (int place = first; place < first + count; ++place) fetch_ahead(arrays, place + SLIDE_AHEAD);
   if (first != q->end || first + count > q->begin + SLIDE_AHEAD) {
