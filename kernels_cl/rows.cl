@@ -95,10 +95,14 @@ INLINE void finish_component(RowNodes n, FaceForce f, const int component, const
     integrate(n.u, n.out, n.inverse_mass, n.step, n.has_gravity, force, component);
 }
 
-INLINE RowNodes row_nodes(ElementTables t, __global const real* u, __global real* out,
-                          __global const real* node_sets, __global real* scratch,
-                          __global real* edge, __global const int* links, int block, int flags,
-                          const int has_levels) {
+// What a band's rows read and write: out as above, scratch the band's own.
+typedef struct {
+  __global const real *u, *node_sets;
+  __global real *out, *scratch, *edge;
+} RowArrays;
+
+INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* links, int block,
+                          int flags, const int has_levels) {
   const long at = (long)block * (3 * TLED_LANES);
   const int levels = has_levels ? links[BLOCK_LEVELS] : 0;
   RowNodes n;
@@ -107,32 +111,62 @@ INLINE RowNodes row_nodes(ElementTables t, __global const real* u, __global real
   n.step = t.step + NODE_LEVEL(levels) * TLED_STEP_LEVEL;
   n.left_rests =
       has_levels && t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0);
-  n.u = u + at;
-  n.out = out + at;
-  n.inverse_mass = node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
-  n.scratch = scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
+  n.u = a.u + at;
+  n.out = a.out + at;
+  n.inverse_mass = a.node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
+  n.scratch = a.scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
   // A seed row's forces are dropped, and the band below may be writing this edge just now.
-  n.from_left = n.seed ? n.scratch : edge + (long)block * 4;
-  n.to_right = links[BLOCK_HAS_NEXT_X] ? edge + (long)links[BLOCK_NEXT_X] * 4 : 0;
+  n.from_left = n.seed ? n.scratch : a.edge + (long)block * 4;
+  n.to_right = links[BLOCK_HAS_NEXT_X] ? a.edge + (long)links[BLOCK_NEXT_X] * 4 : 0;
   return n;
+}
+
+// One block of a row, whose elements lie between the faces `low` and `high`. The caller exchanges the
+// two from block to block, so that nothing is copied; low_is_valid: `low` is what was above the block
+// before.
+INLINE void process_block(ElementTables t, RowArrays a, int block, int flags, Face* low, Face* high,
+                          Face* carried, int* low_is_valid, const int physical, const int cube,
+                          const int forces_only, const int has_levels) {
+  __global const int* links = t.blocks + (long)block * TLED_BLOCK_INTS;
+  const RowNodes nodes = row_nodes(t, a, links, block, flags, has_levels);
+  // Of a block whose nodes are due the elements may rest: their neighbours are stiffer.
+  const real weight =
+      has_levels ? t.step[ELEMENT_LEVEL(links[BLOCK_LEVELS]) * TLED_STEP_LEVEL + STEP_DUE] : R(1.0);
+  if (links[BLOCK_MATERIAL] >= 0 && weight != R(0.0)) {
+    if (!*low_is_valid) load_face(a.u, t.blocks, block, low);
+    load_face(a.u, t.blocks, block + 1, high);
+    ElementForce e;
+    row_element(t, low, high, links, links[BLOCK_MATERIAL], block, 0, !forces_only && !nodes.seed,
+                physical, cube, &e);
+    if (weight != R(1.0)) weigh_element(&e, weight);
+    finish_component(nodes, element_force_x(&e, carried, physical), 0, forces_only);
+    finish_component(nodes, element_force_y(&e, carried, physical), 1, forces_only);
+    finish_component(nodes, element_force_z(&e, carried, physical), 2, forces_only);
+    *low_is_valid = 1;
+  } else {
+    finish_component(nodes, carried_only(carried, 0), 0, forces_only);
+    finish_component(nodes, carried_only(carried, 1), 1, forces_only);
+    finish_component(nodes, carried_only(carried, 2), 2, forces_only);
+    *low_is_valid = 0;
+  }
 }
 
 INLINE void process_rows(ElementTables t, __global const real* u, __global real* out,
                          __global const int* bands, __global const int* rows,
                          __global const real* node_sets, __global real* all_scratch,
-                         __global real* edge, int n_planes, const SlideArrays* sliding, const SlideSurfaces* surfaces,
-                         const int physical, const int cube, const int forces_only,
-                         const int has_levels) {
-  __global const int* blocks = t.blocks;
+                         __global real* edge, int n_planes, const SlideArrays* sliding,
+                         const SlideSurfaces* surfaces, const int physical, const int cube,
+                         const int forces_only, const int has_levels) {
   const int band = (int)get_global_id(0);
   __global real* scratch = all_scratch + (long)band * n_planes * (SCRATCH_ROWS * TLED_LANES);
+  const RowArrays arrays = {u, node_sets, out, scratch, edge};
   const int gravity = t.step[STEP_GRAVITY] != R(0.0) || t.step[STEP_GRAVITY + 1] != R(0.0) ||
                               t.step[STEP_GRAVITY + 2] != R(0.0)
                           ? ROW_GRAVITY
                           : 0;
   SlidingQueue queue;
   queue.begin = queue.end = queue.n_zones = queue.n_records = 0;
-  Face low, high, carried;
+  Face one, other, carried;
   for (int row = bands[2 * band]; row < bands[2 * band + 1]; ++row) {
     const int begin = rows[4 * row], end = begin + rows[4 * row + 1];
     const int flags = rows[4 * row + 2] | gravity;
@@ -141,32 +175,12 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
         store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
     int low_is_valid = 0;
     clear_face(&carried);
-    for (int block = begin; block < end; ++block) {
-      __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
-      const RowNodes nodes =
-          row_nodes(t, u, out, node_sets, scratch, edge, links, block, flags, has_levels);
-      // Of a block whose nodes are due the elements may rest: their neighbours are stiffer.
-      const real weight =
-          has_levels ? t.step[ELEMENT_LEVEL(links[BLOCK_LEVELS]) * TLED_STEP_LEVEL + STEP_DUE]
-                     : R(1.0);
-      if (links[BLOCK_MATERIAL] >= 0 && weight != R(0.0)) {
-        if (!low_is_valid) load_face(u, blocks, block, &low);
-        load_face(u, blocks, block + 1, &high);
-        ElementForce e;
-        row_element(t, &low, &high, links, links[BLOCK_MATERIAL], block, 0,
-                    !forces_only && !nodes.seed, physical, cube, &e);
-        if (weight != R(1.0)) weigh_element(&e, weight);
-        finish_component(nodes, element_force_x(&e, &carried, physical), 0, forces_only);
-        finish_component(nodes, element_force_y(&e, &carried, physical), 1, forces_only);
-        finish_component(nodes, element_force_z(&e, &carried, physical), 2, forces_only);
-        low = high;
-        low_is_valid = 1;
-      } else {
-        finish_component(nodes, carried_only(&carried, 0), 0, forces_only);
-        finish_component(nodes, carried_only(&carried, 1), 1, forces_only);
-        finish_component(nodes, carried_only(&carried, 2), 2, forces_only);
-        low_is_valid = 0;
-      }
+    for (int block = begin; block < end; block += 2) {
+      process_block(t, arrays, block, flags, &one, &other, &carried, &low_is_valid, physical, cube,
+                    forces_only, has_levels);
+      if (block + 1 == end) break;
+      process_block(t, arrays, block + 1, flags, &other, &one, &carried, &low_is_valid, physical,
+                    cube, forces_only, has_levels);
     }
     if (sliding)
       finish_rows(sliding, surfaces, &queue, rows[4 * row + 3], flags >> ROW_SLIDING_SHIFT, out);
@@ -197,8 +211,8 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
   __kernel void name(TLED_ROWS_ARGUMENTS) {                                                        \
     if ((int)get_global_id(0) >= n_bands) return;                                                  \
     const ElementTables t = TLED_ROWS_TABLES;                                                      \
-    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, 0, 0, physical,   \
-                 cube, forces_only, has_levels);                                                         \
+    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, 0, 0, physical,    \
+                 cube, forces_only, has_levels);                                                   \
   }
 
 // The same with sliding nodes put back as soon as they are done (sliding_rows.cl).
