@@ -121,33 +121,46 @@ INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* link
   return n;
 }
 
-// One block of a row, whose elements lie between the faces `low` and `high`. The caller exchanges the
-// two from block to block, so that nothing is copied; low_is_valid: `low` is what was above the block
-// before.
-INLINE void process_block(ElementTables t, RowArrays a, int block, int flags, Face* low, Face* high,
-                          Face* carried, int* low_is_valid, const int physical, const int cube,
+// What the forces of a block's elements count: 0 where there are none or, of a block whose nodes are
+// due, where they rest, since their neighbours are stiffer.
+INLINE real element_weight(ElementTables t, __global const int* links, const int has_levels) {
+  if (links[BLOCK_MATERIAL] < 0) return R(0.0);
+  if (!has_levels) return R(1.0);
+  return t.step[ELEMENT_LEVEL(links[BLOCK_LEVELS]) * TLED_STEP_LEVEL + STEP_DUE];
+}
+
+// One block of a row that ends before block `end`. Its elements lie between the faces `low` and
+// `high`, the first *n_faces of which are there already. Where it pays (LOADS_AHEAD) the face above
+// the next block is loaded into `low` before this block's forces are dealt out: the next one's long
+// chain of sums and products then begins while these are waited for. `low` and `high` change places
+// from block to block.
+INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int flags, Face* low,
+                          Face* high, Face* carried, int* n_faces, const int physical, const int cube,
                           const int forces_only, const int has_levels) {
   __global const int* links = t.blocks + (long)block * TLED_BLOCK_INTS;
   const RowNodes nodes = row_nodes(t, a, links, block, flags, has_levels);
-  // Of a block whose nodes are due the elements may rest: their neighbours are stiffer.
-  const real weight =
-      has_levels ? t.step[ELEMENT_LEVEL(links[BLOCK_LEVELS]) * TLED_STEP_LEVEL + STEP_DUE] : R(1.0);
-  if (links[BLOCK_MATERIAL] >= 0 && weight != R(0.0)) {
-    if (!*low_is_valid) load_face(a.u, t.blocks, block, low);
-    load_face(a.u, t.blocks, block + 1, high);
+  const real weight = element_weight(t, links, has_levels);
+  if (weight != R(0.0)) {
+    if (*n_faces < 1) load_face(a.u, t.blocks, block, low);
+    if (!LOADS_AHEAD || *n_faces < 2) load_face(a.u, t.blocks, block + 1, high);
     ElementForce e;
     row_element(t, low, high, links, links[BLOCK_MATERIAL], block, 0, !forces_only && !nodes.seed,
                 physical, cube, &e);
+    *n_faces = 1;
+    if (LOADS_AHEAD && block + 1 < end &&
+        element_weight(t, links + TLED_BLOCK_INTS, has_levels) != R(0.0)) {
+      load_face(a.u, t.blocks, block + 2, low);
+      *n_faces = 2;
+    }
     if (weight != R(1.0)) weigh_element(&e, weight);
     finish_component(nodes, element_force_x(&e, carried, physical), 0, forces_only);
     finish_component(nodes, element_force_y(&e, carried, physical), 1, forces_only);
     finish_component(nodes, element_force_z(&e, carried, physical), 2, forces_only);
-    *low_is_valid = 1;
   } else {
     finish_component(nodes, carried_only(carried, 0), 0, forces_only);
     finish_component(nodes, carried_only(carried, 1), 1, forces_only);
     finish_component(nodes, carried_only(carried, 2), 2, forces_only);
-    *low_is_valid = 0;
+    *n_faces = 0;
   }
 }
 
@@ -173,13 +186,13 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
     if (flags & ROW_CHUNK_BEGIN)
       for (int i = 0; i < n_planes * SCRATCH_ROWS; ++i)
         store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
-    int low_is_valid = 0;
+    int n_faces = 0;
     clear_face(&carried);
     for (int block = begin; block < end; block += 2) {
-      process_block(t, arrays, block, flags, &one, &other, &carried, &low_is_valid, physical, cube,
+      process_block(t, arrays, block, end, flags, &one, &other, &carried, &n_faces, physical, cube,
                     forces_only, has_levels);
       if (block + 1 == end) break;
-      process_block(t, arrays, block + 1, flags, &other, &one, &carried, &low_is_valid, physical,
+      process_block(t, arrays, block + 1, end, flags, &other, &one, &carried, &n_faces, physical,
                     cube, forces_only, has_levels);
     }
     if (sliding)

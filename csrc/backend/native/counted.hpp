@@ -12,6 +12,7 @@
 #define __kernel static
 #define __global
 #define restrict __restrict__
+#define LOADS_AHEAD 1
 
 namespace {
 
