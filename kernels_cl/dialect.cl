@@ -36,6 +36,14 @@ typedef float real;
 
 #if !TLED_VECTOR_ROWS
 
+// A group of a zone's borders (sliding_zone.cl): here one.
+#define GROUP_LANES 1
+typedef real realg;
+INLINE realg group_of(real x) { return x; }
+INLINE realg load_group(__global const real* p) { return *p; }
+INLINE realg numbers_from(int first) { return (real)first; }
+INLINE real least_of(realg v) { return v; }
+
 typedef real realv;
 INLINE realv broadcast(real x) { return x; }
 INLINE realv load_lanes(__global const real* p) { return *p; }
@@ -51,9 +59,23 @@ INLINE real lane_of(realv v, int lane) { return v; }
 #define TLED_JOIN(a, b) TLED_JOIN2(a, b)
 #if TLED_DOUBLE
 typedef TLED_JOIN(double, TLED_LANES) realv;
+typedef double8 realg;
 #else
 typedef TLED_JOIN(float, TLED_LANES) realv;
+typedef float8 realg;
 #endif
+#define GROUP_LANES 8
+INLINE realg group_of(real x) { return (realg)(x); }
+INLINE realg load_group(__global const real* p) { return *(__global const realg*)p; }
+// first, first + 1 and so on.
+INLINE realg numbers_from(int first) {
+  return (realg)(0, 1, 2, 3, 4, 5, 6, 7) + (realg)((real)first);
+}
+INLINE real least_of(realg v) {
+  v = min(v, v.s45670123);
+  v = min(v, v.s23016745);
+  return min(v.s0, v.s1);
+}
 INLINE realv broadcast(real x) { return (realv)(x); }
 INLINE realv load_lanes(__global const real* p) { return *(__global const realv*)p; }
 INLINE void store_lanes(realv v, __global real* p) { *(__global realv*)p = v; }

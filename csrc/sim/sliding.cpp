@@ -220,7 +220,7 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   Zones zones = make_zones(grids, reach_of(given, grids), rounding_of(precision));
   // Behind the last there is room for the borders of a full one: they are read before their number
   // is.
-  zones.reals.resize(zones.reals.size() + ZONE_BORDER + ZONE_MOST_BORDERS * ZONE_BORDER_REALS, 0.0);
+  zones.reals.resize(zones.reals.size() + ZONE_BORDERS + ZONE_MOST_BORDERS * ZONE_BORDER_REALS, 0.0);
   zones_ = reals(zones.reals);
   triangle_zones_ = integers(zones.of_triangle);
   grids_ = integers(grids.grids);
