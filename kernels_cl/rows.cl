@@ -171,7 +171,8 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                          const SlideSurfaces* surfaces, const int physical, const int cube,
                          const int forces_only, const int has_levels) {
   const int band = (int)get_global_id(0);
-  __global real* scratch = all_scratch + (long)band * n_planes * (SCRATCH_ROWS * TLED_LANES);
+  __global real* scratch =
+      all_scratch + band * ((long)n_planes * (SCRATCH_ROWS * TLED_LANES) + SCRATCH_GAP);
   const RowArrays arrays = {u, node_sets, out, scratch, edge};
   const int gravity = t.step[STEP_GRAVITY] != R(0.0) || t.step[STEP_GRAVITY + 1] != R(0.0) ||
                               t.step[STEP_GRAVITY + 2] != R(0.0)
