@@ -132,8 +132,7 @@ INLINE real element_weight(ElementTables t, __global const int* links, const int
 // One block of a row that ends before block `end`. Its elements lie between the faces `low` and
 // `high`, the first *n_faces of which are there already. Where it pays (LOADS_AHEAD) the face above
 // the next block is loaded into `low` before this block's forces are dealt out: the next one's long
-// chain of sums and products then begins while these are waited for. `low` and `high` change places
-// from block to block.
+// chain of sums and products then begins while these are waited for. `high` is the next block's `low`.
 INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int flags, Face* low,
                           Face* high, Face* carried, int* n_faces, const int physical, const int cube,
                           const int forces_only, const int has_levels) {
@@ -142,7 +141,7 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
   const real weight = element_weight(t, links, has_levels);
   if (weight != R(0.0)) {
     if (*n_faces < 1) load_face(a.u, t.blocks, block, low);
-    if (!LOADS_AHEAD || *n_faces < 2) load_face(a.u, t.blocks, block + 1, high);
+    if (*n_faces < 2) load_face(a.u, t.blocks, block + 1, high);
     ElementForce e;
     row_element(t, low, high, links, links[BLOCK_MATERIAL], block, 0, !forces_only && !nodes.seed,
                 physical, cube, &e);
@@ -189,12 +188,16 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
         store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
     int n_faces = 0;
     clear_face(&carried);
-    for (int block = begin; block < end; block += 2) {
+    for (int block = begin; block < end; ++block) {
       process_block(t, arrays, block, end, flags, &one, &other, &carried, &n_faces, physical, cube,
                     forces_only, has_levels);
-      if (block + 1 == end) break;
-      process_block(t, arrays, block + 1, end, flags, &other, &one, &carried, &n_faces, physical,
-                    cube, forces_only, has_levels);
+#if LOADS_AHEAD
+      if (++block == end) break;
+      process_block(t, arrays, block, end, flags, &other, &one, &carried, &n_faces, physical, cube,
+                    forces_only, has_levels);
+#else
+      one = other;
+#endif
     }
     if (sliding)
       finish_rows(sliding, surfaces, &queue, rows[4 * row + 3], flags >> ROW_SLIDING_SHIFT, out);

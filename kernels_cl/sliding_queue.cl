@@ -51,7 +51,7 @@ INLINE real ball_together(const SlideSurfaces* s, int zone, Point p, int nearest
   __global const real* in = s->zones + (long)zone * ZONE_UNIT;
   const int count = (int)in[ZONE_COUNT];
   if (item < count) {
-    const Borders border = borders_at(in + ZONE_BORDER_AT(item));
+    const ZoneBorders border = borders_at(in + ZONE_BORDER_AT(item));
     w->farther[item] = ahead_of(border, p) - left;
     w->nears[item] = nears_along(border, border_normal(in, nearest));
   }

@@ -9,15 +9,22 @@
 // A distance that nothing comes near, m.
 #define NO_BORDER R(1e30)
 
+#if ZONE_GROUP % GROUP_LANES
+#error "GROUP_LANES must divide ZONE_GROUP"
+#endif
+
 // Borders of a zone from one of its places on, as many as are taken together.
-typedef struct { realg x, y, z, limit; } Borders;
-INLINE Borders borders_at(__global const real* first) {
-  const Borders b = {load_group(first), load_group(first + ZONE_GROUP),
-                     load_group(first + 2 * ZONE_GROUP), load_group(first + 3 * ZONE_GROUP)};
+typedef struct { realg x, y, z, limit; } ZoneBorders;
+INLINE ZoneBorders borders_at(__global const real* first) {
+  const ZoneBorders b = {load_group(first), load_group(first + ZONE_GROUP),
+                         load_group(first + 2 * ZONE_GROUP), load_group(first + 3 * ZONE_GROUP)};
   return b;
 }
-INLINE realg along_borders(Borders b, Point way) { return b.x * way.x + b.y * way.y + b.z * way.z; }
-INLINE realg ahead_of(Borders b, Point p) { return b.limit - along_borders(b, p); }
+INLINE realg along_borders(ZoneBorders b, Point way) {
+  return b.x * way.x + b.y * way.y + b.z * way.z;
+}
+// Distances from a place to borders; not above 0 past them.
+INLINE realg ahead_of(ZoneBorders b, Point p) { return b.limit - along_borders(b, p); }
 
 INLINE Point border_normal(__global const real* zone, int k) {
   __global const real* at = zone + ZONE_BORDER_AT(k);
@@ -50,7 +57,6 @@ INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
 INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* left, int* nearest) {
   for (int hop = 0, before = -1; hop <= MOST_HOPS && zone >= 0; ++hop) {
     __global const real* in = s->zones + (long)zone * ZONE_UNIT;
-    *nearest = 0;
     *left = left_in_zone(in, p, nearest);
     if (*left > R(0.0)) return stays_in(in, free) ? zone : -1;
     const int behind = (int)in[ZONE_BORDER_AT(*nearest) + 4 * ZONE_GROUP];
@@ -71,7 +77,7 @@ INLINE realg growth_before(realg most, realg farther, realg nears) {
 }
 
 INLINE real grown(real left, real most) { return most > R(0.0) ? left + most : left; }
-INLINE realg nears_along(Borders b, Point outward) {
+INLINE realg nears_along(ZoneBorders b, Point outward) {
   return group_of(R(1.0)) - along_borders(b, outward);
 }
 
@@ -84,7 +90,7 @@ INLINE real ball_in_zone(__global const real* zone, Point p, int nearest, real l
   realg most = group_of(MOST_GROWTH);
   const int count = (int)zone[ZONE_COUNT];
   for (int k = 0; k < count; k += GROUP_LANES) {
-    const Borders borders = borders_at(zone + ZONE_BORDER_AT(k));
+    const ZoneBorders borders = borders_at(zone + ZONE_BORDER_AT(k));
     // By rounding the nearest might near by a little, and nothing would grow.
     const realg farther =
         numbers_from(k) == itself ? group_of(NO_BORDER) : ahead_of(borders, p) - left;

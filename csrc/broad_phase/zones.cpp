@@ -403,8 +403,11 @@ class SideZones {
   std::vector<std::int32_t> neighbour_;  // behind each side; -1: none or several
 };
 
-// Each zone in as many units as it has groups of borders: most have one, and what a look at a node
-// waits for is their memory. Zones are then known by their first unit, as far as a float can name it.
+// Each zone in as many units as it has groups of borders: most have one, and what a look at a
+// node waits for is their memory. Zones are then known by their first unit, as far as a float can
+// name it.
+static_assert(ZONE_BORDERS % ZONE_UNIT == 0 && ZONE_GROUP_REALS % ZONE_UNIT == 0 &&
+              ZONE_MOST_BORDERS % ZONE_GROUP == 0);
 void pack(Zones& zones) {
   const std::size_t count = zones.reals.size() / kZoneReals;
   std::vector<std::int64_t> first(count + 1, 0);

@@ -47,8 +47,8 @@ class Pool {
     body_ = &body;
     n_shares_ = std::min(shares_.size(), std::max<std::size_t>(1, thread_limit.load()));
     for (std::size_t i = 0; i < n_shares_; ++i) {
-      shares_[i].next.store(n_items * i / n_shares_, std::memory_order_relaxed);
-      shares_[i].end = n_items * (i + 1) / n_shares_;
+      shares_[i].next.store(share_begin(n_items, i), std::memory_order_relaxed);
+      shares_[i].end = share_begin(n_items, i + 1);
     }
     busy_.store(workers_.size(), std::memory_order_relaxed);
     error_ = nullptr;
@@ -75,6 +75,11 @@ class Pool {
     std::atomic<std::size_t> next{0};
     std::size_t end = 0;
   };
+
+  // Rounded up: where there are few items the caller, who is there first, has one.
+  std::size_t share_begin(std::size_t n_items, std::size_t share) const {
+    return (n_items * share + n_shares_ - 1) / n_shares_;
+  }
 
   void take_items(std::size_t number) {
     inside_region = true;
@@ -114,6 +119,7 @@ class Pool {
     }
   }
 
+  std::vector<std::thread> workers_;
   std::vector<Share> shares_;
   std::mutex region_, mutex_;
   std::condition_variable wake_;
@@ -121,7 +127,6 @@ class Pool {
   const std::function<void(std::size_t)>* body_ = nullptr;
   std::size_t n_shares_ = 1;
   std::exception_ptr error_;
-  std::vector<std::thread> workers_;  // last: they begin when all else is there
 };
 
 // Made when first needed and never taken down: its threads end with the process. A forked child

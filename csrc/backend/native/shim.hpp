@@ -78,7 +78,7 @@ inline int lanes_not_below(realv a, realv b) {
 inline int lowest_bit(int bits) { return __builtin_ctz(static_cast<unsigned>(bits)); }
 inline int all_below(realv a, realv b) { return lanes_not_below(a, b) == 0; }
 
-#if TLED_LANES == 16 && defined(__AVX512F__)
+#if TLED_LANES == 16 && !TLED_DOUBLE && defined(__AVX512F__)
 // One instruction that the compiler does not find: its own takes an index from memory.
 inline realv next_lanes(realv own, realv next) {
   return (realv)_mm512_alignr_epi32((__m512i)next, (__m512i)own, 1);
