@@ -58,8 +58,8 @@ void test_a_limit_holds() {
   limit_threads(0);
 }
 
-// In every region a thread has its own share of the items, whose data its core still holds, as long as
-// it is not late. Bodies sleep, so that a busy machine does not decide.
+// In every region a thread has its own share of the items, whose data its core still holds, as long
+// as it is not late. Bodies sleep, so that a busy machine does not decide.
 void test_items_stay_with_their_thread() {
   constexpr std::size_t kItems = 8;
   constexpr int kRegions = 12;
