@@ -101,6 +101,9 @@
 // Rows of lanes a plane of scratch: forces x, y, z on the nodes of the next row of elements, by the
 // corners at low x (lane l: the node of lane l), then by those at high x (the node of lane l + 1).
 #define SCRATCH_ROWS 6
+// Reals between the scratches of two bands, a page or more: what a processor fetches ahead of one thread
+// is not to be what another writes.
+#define SCRATCH_GAP 1024
 
 // Tiles of node columns that a work-group walks (tile.cl). tiles[TLED_TILE_INTS * tile + ...]; its
 // places are, of each plane from the one below its first node to the one above its last, of each

@@ -95,10 +95,14 @@ INLINE void finish_component(RowNodes n, FaceForce f, const int component, const
     integrate(n.u, n.out, n.inverse_mass, n.step, n.has_gravity, force, component);
 }
 
-INLINE RowNodes row_nodes(ElementTables t, __global const real* u, __global real* out,
-                          __global const real* node_sets, __global real* scratch,
-                          __global real* edge, __global const int* links, int block, int flags,
-                          const int has_levels) {
+// What a band's rows read and write: out as above, scratch the band's own.
+typedef struct {
+  __global const real *u, *node_sets;
+  __global real *out, *scratch, *edge;
+} RowArrays;
+
+INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* links, int block,
+                          int flags, const int has_levels) {
   const long at = (long)block * (3 * TLED_LANES);
   const int levels = has_levels ? links[BLOCK_LEVELS] : 0;
   RowNodes n;
@@ -107,66 +111,93 @@ INLINE RowNodes row_nodes(ElementTables t, __global const real* u, __global real
   n.step = t.step + NODE_LEVEL(levels) * TLED_STEP_LEVEL;
   n.left_rests =
       has_levels && t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0);
-  n.u = u + at;
-  n.out = out + at;
-  n.inverse_mass = node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
-  n.scratch = scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
+  n.u = a.u + at;
+  n.out = a.out + at;
+  n.inverse_mass = a.node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
+  n.scratch = a.scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
   // A seed row's forces are dropped, and the band below may be writing this edge just now.
-  n.from_left = n.seed ? n.scratch : edge + (long)block * 4;
-  n.to_right = links[BLOCK_HAS_NEXT_X] ? edge + (long)links[BLOCK_NEXT_X] * 4 : 0;
+  n.from_left = n.seed ? n.scratch : a.edge + (long)block * 4;
+  n.to_right = links[BLOCK_HAS_NEXT_X] ? a.edge + (long)links[BLOCK_NEXT_X] * 4 : 0;
   return n;
+}
+
+// What the forces of a block's elements count: 0 where there are none or, of a block whose nodes are
+// due, where they rest, since their neighbours are stiffer.
+INLINE real element_weight(ElementTables t, __global const int* links, const int has_levels) {
+  if (links[BLOCK_MATERIAL] < 0) return R(0.0);
+  if (!has_levels) return R(1.0);
+  return t.step[ELEMENT_LEVEL(links[BLOCK_LEVELS]) * TLED_STEP_LEVEL + STEP_DUE];
+}
+
+// One block of a row that ends before block `end`. Its elements lie between the faces `low` and
+// `high`, the first *n_faces of which are there already. Where it pays (LOADS_AHEAD) the face above
+// the next block is loaded into `low` before this block's forces are dealt out: the next one's long
+// chain of sums and products then begins while these are waited for. `high` is the next block's `low`.
+INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int flags, Face* low,
+                          Face* high, Face* carried, int* n_faces, const int physical, const int cube,
+                          const int forces_only, const int has_levels) {
+  __global const int* links = t.blocks + (long)block * TLED_BLOCK_INTS;
+  const RowNodes nodes = row_nodes(t, a, links, block, flags, has_levels);
+  const real weight = element_weight(t, links, has_levels);
+  if (weight != R(0.0)) {
+    if (*n_faces < 1) load_face(a.u, t.blocks, block, low);
+    if (*n_faces < 2) load_face(a.u, t.blocks, block + 1, high);
+    ElementForce e;
+    row_element(t, low, high, links, links[BLOCK_MATERIAL], block, 0, !forces_only && !nodes.seed,
+                physical, cube, &e);
+    *n_faces = 1;
+    if (LOADS_AHEAD && block + 1 < end &&
+        element_weight(t, links + TLED_BLOCK_INTS, has_levels) != R(0.0)) {
+      load_face(a.u, t.blocks, block + 2, low);
+      *n_faces = 2;
+    }
+    if (weight != R(1.0)) weigh_element(&e, weight);
+    finish_component(nodes, element_force_x(&e, carried, physical), 0, forces_only);
+    finish_component(nodes, element_force_y(&e, carried, physical), 1, forces_only);
+    finish_component(nodes, element_force_z(&e, carried, physical), 2, forces_only);
+  } else {
+    finish_component(nodes, carried_only(carried, 0), 0, forces_only);
+    finish_component(nodes, carried_only(carried, 1), 1, forces_only);
+    finish_component(nodes, carried_only(carried, 2), 2, forces_only);
+    *n_faces = 0;
+  }
 }
 
 INLINE void process_rows(ElementTables t, __global const real* u, __global real* out,
                          __global const int* bands, __global const int* rows,
                          __global const real* node_sets, __global real* all_scratch,
-                         __global real* edge, int n_planes, const SlideArrays* sliding, const SlideSurfaces* surfaces,
-                         const int physical, const int cube, const int forces_only,
-                         const int has_levels) {
-  __global const int* blocks = t.blocks;
+                         __global real* edge, int n_planes, const SlideArrays* sliding,
+                         const SlideSurfaces* surfaces, const int physical, const int cube,
+                         const int forces_only, const int has_levels) {
   const int band = (int)get_global_id(0);
-  __global real* scratch = all_scratch + (long)band * n_planes * (SCRATCH_ROWS * TLED_LANES);
+  __global real* scratch =
+      all_scratch + band * ((long)n_planes * (SCRATCH_ROWS * TLED_LANES) + SCRATCH_GAP);
+  const RowArrays arrays = {u, node_sets, out, scratch, edge};
   const int gravity = t.step[STEP_GRAVITY] != R(0.0) || t.step[STEP_GRAVITY + 1] != R(0.0) ||
                               t.step[STEP_GRAVITY + 2] != R(0.0)
                           ? ROW_GRAVITY
                           : 0;
   SlidingQueue queue;
   queue.begin = queue.end = queue.n_zones = queue.n_records = 0;
-  Face low, high, carried;
+  Face one, other, carried;
   for (int row = bands[2 * band]; row < bands[2 * band + 1]; ++row) {
     const int begin = rows[4 * row], end = begin + rows[4 * row + 1];
     const int flags = rows[4 * row + 2] | gravity;
     if (flags & ROW_CHUNK_BEGIN)
       for (int i = 0; i < n_planes * SCRATCH_ROWS; ++i)
         store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
-    int low_is_valid = 0;
+    int n_faces = 0;
     clear_face(&carried);
     for (int block = begin; block < end; ++block) {
-      __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
-      const RowNodes nodes =
-          row_nodes(t, u, out, node_sets, scratch, edge, links, block, flags, has_levels);
-      // Of a block whose nodes are due the elements may rest: their neighbours are stiffer.
-      const real weight =
-          has_levels ? t.step[ELEMENT_LEVEL(links[BLOCK_LEVELS]) * TLED_STEP_LEVEL + STEP_DUE]
-                     : R(1.0);
-      if (links[BLOCK_MATERIAL] >= 0 && weight != R(0.0)) {
-        if (!low_is_valid) load_face(u, blocks, block, &low);
-        load_face(u, blocks, block + 1, &high);
-        ElementForce e;
-        row_element(t, &low, &high, links, links[BLOCK_MATERIAL], block, 0,
-                    !forces_only && !nodes.seed, physical, cube, &e);
-        if (weight != R(1.0)) weigh_element(&e, weight);
-        finish_component(nodes, element_force_x(&e, &carried, physical), 0, forces_only);
-        finish_component(nodes, element_force_y(&e, &carried, physical), 1, forces_only);
-        finish_component(nodes, element_force_z(&e, &carried, physical), 2, forces_only);
-        low = high;
-        low_is_valid = 1;
-      } else {
-        finish_component(nodes, carried_only(&carried, 0), 0, forces_only);
-        finish_component(nodes, carried_only(&carried, 1), 1, forces_only);
-        finish_component(nodes, carried_only(&carried, 2), 2, forces_only);
-        low_is_valid = 0;
-      }
+      process_block(t, arrays, block, end, flags, &one, &other, &carried, &n_faces, physical, cube,
+                    forces_only, has_levels);
+#if LOADS_AHEAD
+      if (++block == end) break;
+      process_block(t, arrays, block, end, flags, &other, &one, &carried, &n_faces, physical, cube,
+                    forces_only, has_levels);
+#else
+      one = other;
+#endif
     }
     if (sliding)
       finish_rows(sliding, surfaces, &queue, rows[4 * row + 3], flags >> ROW_SLIDING_SHIFT, out);
@@ -197,8 +228,8 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
   __kernel void name(TLED_ROWS_ARGUMENTS) {                                                        \
     if ((int)get_global_id(0) >= n_bands) return;                                                  \
     const ElementTables t = TLED_ROWS_TABLES;                                                      \
-    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, 0, 0, physical,   \
-                 cube, forces_only, has_levels);                                                         \
+    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, 0, 0, physical,    \
+                 cube, forces_only, has_levels);                                                   \
   }
 
 // The same with sliding nodes put back as soon as they are done (sliding_rows.cl).

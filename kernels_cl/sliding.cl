@@ -129,7 +129,8 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
       zone = (int)record[RECORD_NEXT];
     if (zone >= 0) {
       __global const real* in = s->zones + (long)zone * ZONE_UNIT;
-      for (int k = 0; k < ZONE_BORDER + 8 * ZONE_BORDER_REALS; k += LINE_REALS) prefetch_line(in + k);
+      for (int k = 0; k < ZONE_BORDERS + ZONE_GROUP_REALS; k += LINE_REALS) prefetch_line(in + k);
+      prefetch_line(in + ZONE_BORDERS + ZONE_GROUP_REALS - 1);
     } else {
       prefetch_line(record + LINE_REALS);
       __global const real* reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;

@@ -80,9 +80,14 @@
 #define ZONE_ROUND 1      // as REGION_ROUND
 #define ZONE_ON 2         // 3: a corner of the face, an end of the edge
 #define ZONE_DIRECTION 5  // 3: normal of the face, direction of the edge
-#define ZONE_BORDER 8     // ZONE_BORDER_REALS a border, of at most ZONE_MOST_BORDERS
-#define ZONE_MOST_BORDERS 16
+#define ZONE_BORDERS 8    // groups of ZONE_GROUP borders, each of ZONE_BORDER_REALS rows:
 #define ZONE_BORDER_REALS 5  // unit normal, outward; limit, m; number of the zone behind, -1: none is known
+#define ZONE_GROUP 8
+#define ZONE_GROUP_REALS (ZONE_GROUP * ZONE_BORDER_REALS)
+#define ZONE_MOST_BORDERS 16
+// Where the first real of border k stands; the others follow ZONE_GROUP apart. Places of a group without
+// border have a limit that nothing comes near.
+#define ZONE_BORDER_AT(k) (ZONE_BORDERS + (k) / ZONE_GROUP * ZONE_GROUP_REALS + (k) % ZONE_GROUP)
 #define TRIANGLE_ZONES 8
 
 // grids[surface * GRID_INTS + ...], grid_reals[surface * GRID_REALS + ...]

@@ -15,9 +15,9 @@ INLINE int zone_together(const SlideSurfaces* s, int zone, int guess, Point p, i
   while (zone >= 0) {
     const int first = zone, second = guess < 0 ? first : guess;
     __global const real* in = s->zones + (long)(is_first ? first : second) * ZONE_UNIT;
-    __global const real* border = in + ZONE_BORDER + mine * ZONE_BORDER_REALS;
+    __global const real* border = in + ZONE_BORDER_AT(mine);
     // Read without waiting for their number: behind the last zone there is room (csrc/sim/sliding).
-    const real ahead = ahead_of(border, p), behind = border[4];
+    const real ahead = ahead_of(borders_at(border), p), behind = border[4 * ZONE_GROUP];
     w->ahead[item] = mine < (int)in[ZONE_COUNT] ? ahead : NO_BORDER;
     w->behind[item] = behind;
     local_barrier();
@@ -51,10 +51,9 @@ INLINE real ball_together(const SlideSurfaces* s, int zone, Point p, int nearest
   __global const real* in = s->zones + (long)zone * ZONE_UNIT;
   const int count = (int)in[ZONE_COUNT];
   if (item < count) {
-    const Point outward = point_at(in + ZONE_BORDER + nearest * ZONE_BORDER_REALS);
-    __global const real* border = in + ZONE_BORDER + item * ZONE_BORDER_REALS;
+    const ZoneBorders border = borders_at(in + ZONE_BORDER_AT(item));
     w->farther[item] = ahead_of(border, p) - left;
-    w->nears[item] = nears_along(border, outward);
+    w->nears[item] = nears_along(border, border_normal(in, nearest));
   }
   local_barrier();
   real most = MOST_GROWTH;

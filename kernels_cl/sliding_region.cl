@@ -12,7 +12,6 @@
 
 // Where a closest point is known to stay on its face, edge or corner: within `ball` of the node, but
 // not past borders that are `within` of it in the directions `outward`, the nearest first.
-#define NO_BORDER R(1e30)
 typedef struct {
   real ball;
   real within[REGION_MOST_BORDERS];  // NO_BORDER: none
@@ -439,13 +438,13 @@ INLINE void write_look(const SlideSurfaces* s, const SlideNode* node, Point u, P
   record[RECORD_ZONE] = (real)now;
   Point middle = u;
   if (now >= 0) {
-    __global const real* border =
-        s->zones + (long)now * ZONE_UNIT + ZONE_BORDER + nearest * ZONE_BORDER_REALS;
-    middle = plus_scaled(u, left - ball, point_at(border));
+    __global const real* zone = s->zones + (long)now * ZONE_UNIT;
+    middle = plus_scaled(u, left - ball, border_normal(zone, nearest));
     // A little less, for rounding.
     left = R(0.99999) * ball - FLAT * square_root_of(inner(p, p));
-    for (int k = 0; k < 4; ++k) record[RECORD_EXIT + k] = border[k];
-    record[RECORD_NEXT] = border[4];
+    __global const real* border = zone + ZONE_BORDER_AT(nearest);
+    for (int k = 0; k < 4; ++k) record[RECORD_EXIT + k] = border[k * ZONE_GROUP];
+    record[RECORD_NEXT] = border[4 * ZONE_GROUP];
   } else {
     record[RECORD_NEXT] = R(-1.0);
   }

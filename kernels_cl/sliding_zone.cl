@@ -6,9 +6,30 @@
 // Zones that are tried one behind the other before a search.
 #define MOST_HOPS 4
 
-// Distance from a place to a border of a zone, of its region or of where it left; not above 0 past it.
-INLINE real ahead_of(__global const real* border, Point p) {
-  return border[3] - inner(point_at(border), p);
+// A distance that nothing comes near, m.
+#define NO_BORDER R(1e30)
+
+#if ZONE_GROUP % GROUP_LANES
+#error "GROUP_LANES must divide ZONE_GROUP"
+#endif
+
+// Borders of a zone from one of its places on, as many as are taken together.
+typedef struct { realg x, y, z, limit; } ZoneBorders;
+INLINE ZoneBorders borders_at(__global const real* first) {
+  const ZoneBorders b = {load_group(first), load_group(first + ZONE_GROUP),
+                         load_group(first + 2 * ZONE_GROUP), load_group(first + 3 * ZONE_GROUP)};
+  return b;
+}
+INLINE realg along_borders(ZoneBorders b, Point way) {
+  return b.x * way.x + b.y * way.y + b.z * way.z;
+}
+// Distances from a place to borders; not above 0 past them.
+INLINE realg ahead_of(ZoneBorders b, Point p) { return b.limit - along_borders(b, p); }
+
+INLINE Point border_normal(__global const real* zone, int k) {
+  __global const real* at = zone + ZONE_BORDER_AT(k);
+  const Point normal = {at[0], at[ZONE_GROUP], at[2 * ZONE_GROUP]};
+  return normal;
 }
 
 // Whether that is the end of the way through zones.
@@ -19,16 +40,16 @@ INLINE int stays_in(__global const real* zone, int free) {
 
 // Distance from a place to the nearest border of a zone, and its number; not above 0 outside.
 INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
-  real left = R(1e30);
+  realg left = group_of(NO_BORDER), number = group_of(R(0.0));
   const int count = (int)zone[ZONE_COUNT];
-  for (int k = 0; k < count; ++k) {
-    const real to = ahead_of(zone + ZONE_BORDER + k * ZONE_BORDER_REALS, p);
-    if (to < left) {
-      left = to;
-      *nearest = k;
-    }
+  for (int k = 0; k < count; k += GROUP_LANES) {
+    const realg to = ahead_of(borders_at(zone + ZONE_BORDER_AT(k)), p);
+    number = to < left ? numbers_from(k) : number;
+    left = to < left ? to : left;
   }
-  return left;
+  const real least = least_of(left);
+  *nearest = (int)least_of(left == group_of(least) ? number : group_of(R(ZONE_MOST_BORDERS - 1)));
+  return least;
 }
 
 // The zone of a place from the one it was in on, how far that holds and the nearest border; -1: to be
@@ -36,10 +57,9 @@ INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
 INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* left, int* nearest) {
   for (int hop = 0, before = -1; hop <= MOST_HOPS && zone >= 0; ++hop) {
     __global const real* in = s->zones + (long)zone * ZONE_UNIT;
-    *nearest = 0;
     *left = left_in_zone(in, p, nearest);
     if (*left > R(0.0)) return stays_in(in, free) ? zone : -1;
-    const int behind = (int)in[ZONE_BORDER + *nearest * ZONE_BORDER_REALS + 4];
+    const int behind = (int)in[ZONE_BORDER_AT(*nearest) + 4 * ZONE_GROUP];
     if (behind == before) return -1;  // it is in neither
     before = zone;
     zone = behind;
@@ -50,31 +70,33 @@ INLINE int zone_of(const SlideSurfaces* s, int zone, Point p, int free, real* le
 // The most a ball may grow that moves along, away from its nearest border, as far as it grows: another
 // border is `farther` than the nearest and nears by `nears` of the way.
 #define MOST_GROWTH R(1e3)
-INLINE real growth_before(real most, real farther, real nears) {
+INLINE realg growth_before(realg most, realg farther, realg nears) {
   // No branch: which borders count is known too late to be guessed.
-  const real growth = farther / nears;
+  const realg growth = farther / nears;
   return farther < most * nears ? growth : most;
 }
 
 INLINE real grown(real left, real most) { return most > R(0.0) ? left + most : left; }
-INLINE real nears_along(__global const real* border, Point outward) {
-  return R(1.0) - inner(point_at(border), outward);
+INLINE realg nears_along(ZoneBorders b, Point outward) {
+  return group_of(R(1.0)) - along_borders(b, outward);
 }
 
 // How far a ball in a zone reaches from its middle, which is where a place `left` from the nearest border
 // goes if it is moved straight off that: the largest that touches the border there. A node that moves along
 // a border stays in it longer than in the ball about itself.
 INLINE real ball_in_zone(__global const real* zone, Point p, int nearest, real left) {
-  const Point outward = point_at(zone + ZONE_BORDER + nearest * ZONE_BORDER_REALS);
-  real most = MOST_GROWTH;
+  const Point outward = border_normal(zone, nearest);
+  const realg itself = group_of((real)nearest);
+  realg most = group_of(MOST_GROWTH);
   const int count = (int)zone[ZONE_COUNT];
-  for (int k = 0; k < count; ++k) {
-    __global const real* border = zone + ZONE_BORDER + k * ZONE_BORDER_REALS;
+  for (int k = 0; k < count; k += GROUP_LANES) {
+    const ZoneBorders borders = borders_at(zone + ZONE_BORDER_AT(k));
     // By rounding the nearest might near by a little, and nothing would grow.
-    const real farther = k == nearest ? R(1e30) : ahead_of(border, p) - left;
-    most = growth_before(most, farther, nears_along(border, outward));
+    const realg farther =
+        numbers_from(k) == itself ? group_of(NO_BORDER) : ahead_of(borders, p) - left;
+    most = growth_before(most, farther, nears_along(borders, outward));
   }
-  return grown(left, most);
+  return grown(left, least_of(most));
 }
 
 // What a node slides on: a plane, or round an edge or corner. n: the plane's normal, before or behind

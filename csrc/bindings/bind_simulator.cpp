@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "bindings/options.hpp"
+#include "broad_phase/zones.hpp"
 #include "core/bandwidth.hpp"
 #include "core/error.hpp"
 #include "precompute/law_table.hpp"
@@ -286,6 +287,19 @@ void define_simulator(py::module_& module) {
       },
       py::arg("vertices"), py::arg("faces"), py::arg("points"),
       "The same by trying every triangle, in float64.");
+  module.def(
+      "surface_zones",
+      [](const Array<double>& vertices, const Array<std::int32_t>& faces, double reach) {
+        const auto grids =
+            make_surface_grids({make_mesh(vertices, faces)}, Vec3{0, 0, 0}, {0, 1, 2});
+        Zones zones = make_zones(grids, {{reach, 0.0}}, 1e-15);
+        return py::make_tuple(to_array(std::move(zones.reals)),
+                              to_array(std::move(zones.of_triangle)));
+      },
+      py::arg("vertices"), py::arg("faces"), py::arg("reach"),
+      "Zones of a surface's faces and edges within reach (m) before it, and those of each "
+      "triangle, "
+      "as kernels_cl/sliding_layout.cl lays them out.");
 
   // Its functions wait without Python's lock, so that the thread of the simulator goes on.
   py::class_<Snapshot>(module, "Snapshot", "A moment of a simulation; see snapshot.hpp.")

@@ -11,7 +11,8 @@ namespace tledface {
 namespace {
 
 // Of each zone while zones are made; the kernels' are packed.
-constexpr std::size_t kZoneReals = ZONE_BORDER + ZONE_BORDER_REALS * ZONE_MOST_BORDERS;
+// Border by border, ZONE_BORDER_REALS each.
+constexpr std::size_t kZoneReals = ZONE_BORDERS + ZONE_BORDER_REALS * ZONE_MOST_BORDERS;
 
 // Faces at a smaller angle than this, rad, are one plane.
 constexpr double kFlat = 1e-7;
@@ -218,13 +219,13 @@ class SideZones {
         reals[ZONE_COUNT] = static_cast<double>(space.borders.size());
         for (std::size_t k = 0; k < space.borders.size(); ++k) {
           const Border& border = space.borders[k];
-          const int at = ZONE_BORDER + static_cast<int>(k) * ZONE_BORDER_REALS;
+          const int at = ZONE_BORDERS + static_cast<int>(k) * ZONE_BORDER_REALS;
           put(at, border.outward);
           reals[at + 3] = border.limit;
           std::int32_t behind = border.behind < 0 ? -1 : base_ + border.behind;
           if (z < std::size_t(n_) && k < 3 && zone_of_side[3 * z + k] >= 0)
             behind = zone_of_side[3 * z + k];
-          reals[at + 4] = behind < kMostNumber ? behind : -1;
+          reals[at + 4] = behind;
         }
         if (z < std::size_t(n_)) {
           put(ZONE_ON, triangles_[z].corner[0]);
@@ -402,27 +403,41 @@ class SideZones {
   std::vector<std::int32_t> neighbour_;  // behind each side; -1: none or several
 };
 
-// Each zone in as many units as it has borders for: most have a third of the most, and what a look
-// at a node waits for is their memory. Zones are then known by their first unit.
+// Each zone in as many units as it has groups of borders: most have one, and what a look at a
+// node waits for is their memory. Zones are then known by their first unit, as far as a float can
+// name it.
+static_assert(ZONE_BORDERS % ZONE_UNIT == 0 && ZONE_GROUP_REALS % ZONE_UNIT == 0 &&
+              ZONE_MOST_BORDERS % ZONE_GROUP == 0);
 void pack(Zones& zones) {
   const std::size_t count = zones.reals.size() / kZoneReals;
-  std::vector<std::int32_t> first(count + 1, 0);
-  const auto used = [&](std::size_t z) {
-    return ZONE_BORDER +
-           ZONE_BORDER_REALS * static_cast<std::size_t>(zones.reals[z * kZoneReals + ZONE_COUNT]);
+  std::vector<std::int64_t> first(count + 1, 0);
+  const auto n_borders = [&](std::size_t z) {
+    return static_cast<int>(zones.reals[z * kZoneReals + ZONE_COUNT]);
   };
-  for (std::size_t z = 0; z < count; ++z)
-    first[z + 1] = first[z] + static_cast<std::int32_t>((used(z) + ZONE_UNIT - 1) / ZONE_UNIT);
+  for (std::size_t z = 0; z < count; ++z) {
+    const int groups = (n_borders(z) + ZONE_GROUP - 1) / ZONE_GROUP;
+    first[z + 1] = first[z] + (ZONE_BORDERS + groups * ZONE_GROUP_REALS) / ZONE_UNIT;
+  }
+  const auto named = [&](std::int64_t z) {
+    return z >= 0 && first[z] < kMostNumber ? static_cast<std::int32_t>(first[z]) : -1;
+  };
   std::vector<double> packed(static_cast<std::size_t>(first[count]) * ZONE_UNIT, 0.0);
   for (std::size_t z = 0; z < count; ++z) {
-    double* reals = &packed[std::size_t(first[z]) * ZONE_UNIT];
-    std::copy_n(&zones.reals[z * kZoneReals], used(z), reals);
-    for (std::size_t at = ZONE_BORDER + 4; at < used(z); at += ZONE_BORDER_REALS)
-      if (reals[at] >= 0) reals[at] = first[static_cast<std::size_t>(reals[at])];
+    const double* from = &zones.reals[z * kZoneReals];
+    double* to = &packed[static_cast<std::size_t>(first[z]) * ZONE_UNIT];
+    std::copy_n(from, ZONE_BORDERS, to);
+    for (int k = 0; k < n_borders(z); ++k) {
+      const double* border = from + ZONE_BORDERS + k * ZONE_BORDER_REALS;
+      for (int row = 0; row < 4; ++row) to[ZONE_BORDER_AT(k) + row * ZONE_GROUP] = border[row];
+      to[ZONE_BORDER_AT(k) + 4 * ZONE_GROUP] = named(static_cast<std::int64_t>(border[4]));
+    }
+    for (int k = n_borders(z); k % ZONE_GROUP != 0; ++k) {
+      to[ZONE_BORDER_AT(k) + 3 * ZONE_GROUP] = kFar;
+      to[ZONE_BORDER_AT(k) + 4 * ZONE_GROUP] = -1;
+    }
   }
   zones.reals = std::move(packed);
-  for (std::int32_t& zone : zones.of_triangle)
-    if (zone >= 0) zone = first[zone];
+  for (std::int32_t& zone : zones.of_triangle) zone = named(zone);
 }
 
 }  // namespace

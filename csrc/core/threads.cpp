@@ -39,14 +39,17 @@ void pause_cpu() {
 
 class Pool {
  public:
-  explicit Pool(std::size_t n_threads) {
+  explicit Pool(std::size_t n_threads) : shares_(n_threads) {
     for (std::size_t i = 1; i < n_threads; ++i) workers_.emplace_back([this, i] { work(i); });
   }
   void run(std::size_t n_items, const std::function<void(std::size_t)>& body) {
     std::lock_guard<std::mutex> one_region_at_a_time(region_);
     body_ = &body;
-    n_items_ = n_items;
-    next_.store(0, std::memory_order_relaxed);
+    n_shares_ = std::min(shares_.size(), std::max<std::size_t>(1, thread_limit.load()));
+    for (std::size_t i = 0; i < n_shares_; ++i) {
+      shares_[i].next.store(share_begin(n_items, i), std::memory_order_relaxed);
+      shares_[i].end = share_begin(n_items, i + 1);
+    }
     busy_.store(workers_.size(), std::memory_order_relaxed);
     error_ = nullptr;
     {
@@ -54,7 +57,7 @@ class Pool {
       generation_.fetch_add(1, std::memory_order_release);
     }
     if (sleepers_.load(std::memory_order_acquire) > 0) wake_.notify_all();
-    take_items();
+    take_items(0);
     for (int spins = 0; busy_.load(std::memory_order_acquire) > 0; ++spins) {
       if (spins < 4096)
         pause_cpu();
@@ -65,16 +68,33 @@ class Pool {
   }
 
  private:
-  void take_items() {
+  // What thread `number` of a region takes first, so that from region to region (the steps of a
+  // solver) the same thread works on the same part, which its own cache still holds; then what is
+  // left of the others' shares.
+  struct alignas(64) Share {
+    std::atomic<std::size_t> next{0};
+    std::size_t end = 0;
+  };
+
+  // Rounded up: where there are few items the caller, who is there first, has one.
+  std::size_t share_begin(std::size_t n_items, std::size_t share) const {
+    return (n_items * share + n_shares_ - 1) / n_shares_;
+  }
+
+  void take_items(std::size_t number) {
     inside_region = true;
-    for (;;) {
-      const std::size_t item = next_.fetch_add(1, std::memory_order_relaxed);
-      if (item >= n_items_) break;
-      try {
-        (*body_)(item);
-      } catch (...) {
-        std::lock_guard<std::mutex> lock(mutex_);
-        if (!error_) error_ = std::current_exception();
+    for (std::size_t turn = 0; turn < n_shares_; ++turn) {
+      Share& share = shares_[(number + turn) % n_shares_];
+      // A look before each take: counters of shares that are used up stay in every cache.
+      while (share.next.load(std::memory_order_relaxed) < share.end) {
+        const std::size_t item = share.next.fetch_add(1, std::memory_order_relaxed);
+        if (item >= share.end) break;
+        try {
+          (*body_)(item);
+        } catch (...) {
+          std::lock_guard<std::mutex> lock(mutex_);
+          if (!error_) error_ = std::current_exception();
+        }
       }
     }
     inside_region = false;
@@ -94,17 +114,18 @@ class Pool {
         break;
       }
       seen = generation_.load(std::memory_order_acquire);
-      if (number < thread_limit.load(std::memory_order_relaxed)) take_items();
+      if (number < n_shares_) take_items(number);
       busy_.fetch_sub(1, std::memory_order_release);
     }
   }
 
   std::vector<std::thread> workers_;
+  std::vector<Share> shares_;
   std::mutex region_, mutex_;
   std::condition_variable wake_;
-  std::atomic<std::size_t> generation_{0}, next_{0}, busy_{0}, sleepers_{0};
+  std::atomic<std::size_t> generation_{0}, busy_{0}, sleepers_{0};
   const std::function<void(std::size_t)>* body_ = nullptr;
-  std::size_t n_items_ = 0;
+  std::size_t n_shares_ = 1;
   std::exception_ptr error_;
 };
 

@@ -1,6 +1,7 @@
-// A pool of threads that live as long as the process. Work items are handed out by an atomic
-// counter, so a thread slowed by other load on the machine does not hold the rest up; nothing
-// that the items compute may depend on which thread runs them.
+// A pool of threads that live as long as the process. Each thread takes its own share of the items
+// first, the same in every region of as many, then what is left of the others': a thread slowed by
+// other load on the machine does not hold the rest up. Nothing that the items compute may depend on
+// which thread runs them.
 #pragma once
 #include <cstddef>
 #include <functional>

@@ -31,8 +31,9 @@ class RowsPath final : public ForcePath {
     n_bands_ = options.n_bands ? options.n_bands : 2 * std::size_t(device.info().compute_units);
     all_ = make_rows({}, 0);
     const std::size_t real = real_size(options.precision);
-    scratch_ =
-        binder.allocate(all_.n_bands * all_.n_planes * SCRATCH_ROWS * arrays.lanes * real, bytes_);
+    // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.
+    const std::size_t scratch = std::size_t(all_.n_planes) * SCRATCH_ROWS * arrays.lanes;
+    scratch_ = binder.allocate(n_bands_ * (scratch + SCRATCH_GAP) * real, bytes_);
     edge_ = binder.allocate(std::size_t(arrays.n_blocks + 1) * 4 * real, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
       step_[parity] = make_kernel("step_rows_" + step_form(arrays, options), parity);

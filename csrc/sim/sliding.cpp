@@ -17,7 +17,7 @@ namespace {
 constexpr std::size_t kGroup = 64;
 // First byte of a state: what follows is laid out as by this version of the kernels, and where rows
 // are those of blocks though they are no vectors.
-constexpr std::uint8_t kLayout = 6, kTileLayout = 7;
+constexpr std::uint8_t kLayout = 8, kTileLayout = 9;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain
@@ -220,7 +220,8 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   Zones zones = make_zones(grids, reach_of(given, grids), rounding_of(precision));
   // Behind the last there is room for the borders of a full one: they are read before their number
   // is.
-  zones.reals.resize(zones.reals.size() + ZONE_BORDER + ZONE_MOST_BORDERS * ZONE_BORDER_REALS, 0.0);
+  const std::size_t room = ZONE_BORDERS + ZONE_MOST_BORDERS * ZONE_BORDER_REALS;
+  zones.reals.resize(zones.reals.size() + room, 0.0);
   zones_ = reals(zones.reals);
   triangle_zones_ = integers(zones.of_triangle);
   grids_ = integers(grids.grids);

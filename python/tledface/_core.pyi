@@ -322,6 +322,9 @@ def grid_nearest(
 def brute_force_nearest(
     vertices: ArrayLike, faces: ArrayLike, points: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
+def surface_zones(
+    vertices: ArrayLike, faces: ArrayLike, reach: float
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
 
 class _ElementState(TypedDict):
     deformation_gradient: NDArray[np.float64]

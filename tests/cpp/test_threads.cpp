@@ -58,6 +58,28 @@ void test_a_limit_holds() {
   limit_threads(0);
 }
 
+// In every region a thread has its own share of the items, whose data its core still holds, as long
+// as it is not late. Bodies sleep, so that a busy machine does not decide.
+void test_items_stay_with_their_thread() {
+  constexpr std::size_t kItems = 8;
+  constexpr int kRegions = 12;
+  if (thread_count() < 2) return;
+  limit_threads(2);
+  const auto caller = std::this_thread::get_id();
+  std::vector<std::thread::id> by(kItems);
+  int own = 0;
+  for (int region = 0; region < kRegions; ++region) {
+    parallel_for(kItems, [&](std::size_t item) {
+      by[item] = std::this_thread::get_id();
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    });
+    for (std::size_t item = 0; item < kItems; ++item)
+      own += (by[item] == caller) == (item < kItems / 2);
+  }
+  limit_threads(0);
+  CHECK(own >= 0.8 * kRegions * kItems);
+}
+
 void test_chunks_cover_the_range() {
   for (const std::size_t n_items : {0, 1, 9, 10, 11, 1001})
     for (const std::size_t grain : {0, 1, 10, 5000}) {
@@ -161,6 +183,7 @@ int main() {
   CHECK(thread_count() == 5);
   test_item_counts();
   test_a_limit_holds();
+  test_items_stay_with_their_thread();
   test_chunks_cover_the_range();
   test_many_regions();
   test_errors_reach_the_caller();

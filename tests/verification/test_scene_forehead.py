@@ -303,7 +303,7 @@ def test_the_atlas_raises_its_brow_at_half_a_millimetre(atlas, tmp_path, figure)
         device="native",
         damping=scene.solver.damping,
         mass_scaling=scene.solver.mass_scaling,
-        energy_every=500,
+        energy_every=100,  # with 500 the ledger itself misses 2 % of this motion's work
     )
     for muscle in scene.muscles:
         sim.activate(muscle.name, muscle.activation)
@@ -311,7 +311,7 @@ def test_the_atlas_raises_its_brow_at_half_a_millimetre(atlas, tmp_path, figure)
         sim.run(until=end)
         assert np.linalg.det(sim.deformation_gradient()).min() > 0.0, end
     energy = sim.energies
-    figure("energy error over work", abs(energy["error"]) / energy["muscle_work"], at_most=0.02)
+    figure("energy error over work", abs(energy["error"]) / energy["muscle_work"], at_most=0.01)
     figure("hourglass over strain energy", energy["hourglass"] / energy["strain"], at_most=0.1)
     skin = model.surfaces["skin"]
     found = forehead.measure_surfaces(skin.vertices, skin.displaced(sim.u), skin.bound_faces)

@@ -172,6 +172,49 @@ def test_search_finds_what_brute_force_finds(executor, figure, name):
         )
 
 
+@pytest.mark.parametrize("name", ["rough", "saddle", "box"])
+def test_what_a_zone_is_of_is_nearest_in_it(figure, name):
+    """Places before a surface: those in a zone against brute force; no two zones have one place."""
+    surface, height = SURFACES[name]
+    reals, of_triangle = _core.surface_zones(surface.vertices, surface.faces, 1.1 * height)
+    # As kernels_cl/sliding_layout.cl has it: a head of 8 reals, groups of 8 borders, row by row.
+    unit = reals.reshape(-1, 8)
+    rng = np.random.default_rng(5)
+    on, face = trimesh.sample.sample_surface(surface, 2000, seed=4)
+    # More about faces with a second group.
+    full = np.flatnonzero((of_triangle[::8] >= 0) & (unit[of_triangle[::8], 0] > 8))
+    full = np.repeat(rng.permutation(full)[:50], 60)
+    shares = 1.3 * (rng.dirichlet(np.ones(3), len(full)) - 1 / 3) + 1 / 3
+    about = (shares[:, :, None] * surface.triangles[full]).sum(axis=1)
+    on, face = np.concatenate((on, about)), np.concatenate((face, full))
+    places = on + rng.uniform(0.02, 1.0, (len(on), 1)) * height * surface.face_normals[face]
+    square, _ = _core.brute_force_nearest(surface.vertices, surface.faces, places)
+    n_zones, worst, most = np.zeros(len(places), int), 0.0, 0
+    for zone in np.unique(of_triangle[of_triangle >= 0]):
+        count, rounded, corner, direction = (
+            int(unit[zone, 0]),
+            unit[zone, 1] != 0.0,
+            unit[zone, 2:5],
+            unit[zone, 5:8],
+        )
+        most = max(most, count)
+        groups = unit[zone + 1 : zone + 1 + 5 * -(-count // 8)].reshape(-1, 5, 8)
+        x, y, z, limit, _ = groups.transpose(1, 0, 2).reshape(5, -1)
+        assert (limit[count:] >= 1e30).all()
+        normals = np.stack((x, y, z))
+        inside = (places @ normals < limit).all(axis=1)
+        n_zones += inside
+        off = places[inside] - corner
+        along = off @ direction
+        distance = np.linalg.norm(off - along[:, None] * direction, axis=1)
+        there = distance if rounded else abs(along)
+        worst = max(worst, abs(there - np.sqrt(square[inside])).max(initial=0.0))
+    assert n_zones.max() == 1
+    assert n_zones.mean() > 0.25
+    assert name != "rough" or most > 8  # a second group
+    figure("distance off brute force, m", worst, at_most=1e-12)
+
+
 @pytest.mark.parametrize("name", ["rough", "box"])
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_kernels_of_a_step_put_nodes_back_as_a_pass_of_its_own_does(executor, name, precision):

@@ -16,6 +16,7 @@
 #define __kernel static
 #define __global
 #define restrict __restrict__
+#define LOADS_AHEAD 1
 
 namespace {
 
@@ -29,6 +30,23 @@ typedef float real;
 typedef real realv __attribute__((vector_size(sizeof(real) * TLED_LANES)));
 // Loads and stores go through this type: rows of a block are aligned and alias plain reals.
 typedef real realv_in_memory __attribute__((vector_size(sizeof(real) * TLED_LANES), may_alias));
+
+// Eight of a zone's borders (sliding_zone.cl).
+#define GROUP_LANES 8
+typedef real realg __attribute__((vector_size(sizeof(real) * GROUP_LANES)));
+typedef real realg_in_memory __attribute__((vector_size(sizeof(real) * GROUP_LANES), may_alias));
+inline realg group_of(real x) { return x - realg{}; }
+inline realg load_group(const real* p) { return *reinterpret_cast<const realg_in_memory*>(p); }
+inline realg numbers_from(int first) {
+  return realg{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<real>(first);
+}
+inline real least_of(realg v) {
+  realg other = __builtin_shufflevector(v, v, 4, 5, 6, 7, 0, 1, 2, 3);
+  v = v < other ? v : other;
+  other = __builtin_shufflevector(v, v, 2, 3, 0, 1, 6, 7, 4, 5);
+  v = v < other ? v : other;
+  return v[0] < v[1] ? v[0] : v[1];
+}
 
 thread_local unsigned long current_item = 0;
 inline unsigned long get_global_id(unsigned) { return current_item; }
@@ -60,7 +78,15 @@ inline int lanes_not_below(realv a, realv b) {
 inline int lowest_bit(int bits) { return __builtin_ctz(static_cast<unsigned>(bits)); }
 inline int all_below(realv a, realv b) { return lanes_not_below(a, b) == 0; }
 
-#if TLED_LANES == 16
+#if TLED_LANES == 16 && !TLED_DOUBLE && defined(__AVX512F__)
+// One instruction that the compiler does not find: its own takes an index from memory.
+inline realv next_lanes(realv own, realv next) {
+  return (realv)_mm512_alignr_epi32((__m512i)next, (__m512i)own, 1);
+}
+inline realv previous_lanes(realv own, real first) {
+  return (realv)_mm512_alignr_epi32((__m512i)own, (__m512i)broadcast(first), 15);
+}
+#elif TLED_LANES == 16
 inline realv next_lanes(realv own, realv next) {
   return __builtin_shufflevector(own, next, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16);
 }
