@@ -31,22 +31,7 @@ typedef real realv __attribute__((vector_size(sizeof(real) * TLED_LANES)));
 // Loads and stores go through this type: rows of a block are aligned and alias plain reals.
 typedef real realv_in_memory __attribute__((vector_size(sizeof(real) * TLED_LANES), may_alias));
 
-// Eight of a zone's borders (sliding_zone.cl).
-#define GROUP_LANES 8
-typedef real realg __attribute__((vector_size(sizeof(real) * GROUP_LANES)));
-typedef real realg_in_memory __attribute__((vector_size(sizeof(real) * GROUP_LANES), may_alias));
-inline realg group_of(real x) { return x - realg{}; }
-inline realg load_group(const real* p) { return *reinterpret_cast<const realg_in_memory*>(p); }
-inline realg numbers_from(int first) {
-  return realg{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<real>(first);
-}
-inline real least_of(realg v) {
-  realg other = __builtin_shufflevector(v, v, 4, 5, 6, 7, 0, 1, 2, 3);
-  v = v < other ? v : other;
-  other = __builtin_shufflevector(v, v, 2, 3, 0, 1, 6, 7, 4, 5);
-  v = v < other ? v : other;
-  return v[0] < v[1] ? v[0] : v[1];
-}
+#include "backend/native/border_group.hpp"
 
 thread_local unsigned long current_item = 0;
 inline unsigned long get_global_id(unsigned) { return current_item; }
