@@ -298,8 +298,7 @@ void define_simulator(py::module_& module) {
       },
       py::arg("vertices"), py::arg("faces"), py::arg("reach"),
       "Zones of a surface's faces and edges within reach (m) before it, and those of each "
-      "triangle, "
-      "as kernels_cl/sliding_layout.cl lays them out.");
+      "triangle, as kernels_cl/sliding_layout.cl lays them out.");
 
   // Its functions wait without Python's lock, so that the thread of the simulator goes on.
   py::class_<Snapshot>(module, "Snapshot", "A moment of a simulation; see snapshot.hpp.")

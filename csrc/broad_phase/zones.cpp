@@ -10,8 +10,7 @@
 namespace tledface {
 namespace {
 
-// Of each zone while zones are made; the kernels' are packed.
-// Border by border, ZONE_BORDER_REALS each.
+// Of each zone while zones are made, border by border; the kernels' are packed in groups.
 constexpr std::size_t kZoneReals = ZONE_BORDERS + ZONE_BORDER_REALS * ZONE_MOST_BORDERS;
 
 // Faces at a smaller angle than this, rad, are one plane.
