@@ -129,7 +129,9 @@ class Simulator(Results):
         tune_recording(self._device)
         density = model.element_parameters()["density"]
         self._schedules = [Constant(0.0) for _ in model.muscles]
-        for relief in RELIEFS if isinstance(scaling, dict) else (1.0,):
+        sliding = core_sliding(model)
+
+        def make(relief: float, sliding: _core.SlidingNodes | None) -> NDArray[np.float64]:
             scaled = scaled_density(core_model(model), density, scaling, relief)
             # Weight must not grow with the mass: it goes in as a force where masses are changed.
             heavier = bool((scaled > density).any() and model.gravity.any())
@@ -145,26 +147,27 @@ class Simulator(Results):
                 damping=damping,
                 kernels=kernels,
                 conditions=self._conditions.core,
-                sliding=core_sliding(model),
+                sliding=sliding,
             )
             self._core = serial(core)
-            factor = None if isinstance(scaling, dict) else scaling or 1.0
-            try:
-                self._watch = StepWatch(
-                    self._core,
-                    self._name_of,
-                    dt,
-                    factor,
-                    len(model.muscles),
-                    subcycling,
-                    self._device.info.kind,
-                )
-            except InputError:
-                if isinstance(scaling, dict) and relief < RELIEFS[-1]:
-                    continue
-                raise
-            if not isinstance(scaling, dict) or self._watch.auto_dt >= scaling["dt"]:
-                break
+            self._watch = StepWatch(
+                self._core,
+                self._name_of,
+                dt,
+                None if isinstance(scaling, dict) else scaling or 1.0,
+                len(model.muscles),
+                subcycling,
+                self._device.info.kind,
+            )
+            return scaled
+
+        if isinstance(scaling, dict):
+            # Tried without sliding nodes, of which the limit knows nothing: what is known of a
+            # large surface takes longer to be made ready than all else.
+            relief = self._enough_relief(scaling["dt"], lambda relief: make(relief, None))
+            scaled = make(relief, sliding)
+        else:
+            scaled = make(1.0, sliding)
         if subcycling is not False:
             self._options["subcycling"] = self.substeps
         self._added_mass = added_mass(density, scaled, model.volumes)
@@ -178,6 +181,17 @@ class Simulator(Results):
             else ledger_of(self._core, model, scaled, self._options, self._name_of)
         )
         self._until_entry = 0
+
+    def _enough_relief(self, dt: float, attempt: Callable[[float], Any]) -> float:
+        """The least of RELIEFS whose limit at rest allows steps of ``dt``, else the largest."""
+        for relief in RELIEFS[:-1]:
+            try:
+                attempt(relief)
+            except InputError:
+                continue
+            if self._watch.auto_dt >= dt:
+                return relief
+        return RELIEFS[-1]
 
     def __repr__(self) -> str:
         """Say what runs where."""
