@@ -75,8 +75,9 @@ class Kernel {
   // local_size 0 leaves the work-group size to the device; else n_items is rounded up to a multiple
   // of it (kernels check their range themselves).
   virtual void enqueue(std::size_t n_items, std::size_t local_size = 0) = 0;
-  // Where each launch from now on leaves how many seconds every item took, in groups of one; false
-  // where that is not known when enqueue() is back (Device::times_items).
+  // Where each launch of up to 4096 items in groups of one, from now on, leaves how many seconds
+  // every item took; it must outlive the launches. False where that is not known when enqueue() is
+  // back (Device::times_items).
   virtual bool time_items(double* seconds) {
     static_cast<void>(seconds);
     return false;

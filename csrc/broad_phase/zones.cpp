@@ -25,8 +25,9 @@ constexpr double kLittle = 0.01;
 constexpr int kTurns = 12;
 constexpr double kTurn = 0.2;
 constexpr double kFar = 1e30;
-// Triangles or edges that a thread takes at a time.
-constexpr std::size_t kChunk = 64;
+// Triangles or edges that a thread takes at a time: enough for what it keeps of all triangles
+// (Found).
+constexpr std::size_t kChunk = 512;
 // Numbers below it are floats.
 constexpr std::int32_t kMostNumber = 1 << 24;
 
@@ -167,8 +168,11 @@ struct Edge {
 // Which triangles a search has found already: they are in several cells.
 class Found {
  public:
-  explicit Found(std::size_t n_triangles) : when_(n_triangles, 0) {}
-  void begin() { ++now_; }
+  explicit Found(std::size_t n_triangles) : n_triangles_(n_triangles) {}
+  void begin() {
+    if (when_.empty()) when_.assign(n_triangles_, 0);
+    ++now_;
+  }
   bool is_new(std::int32_t triangle) {
     const bool found = when_[triangle] == now_;
     when_[triangle] = now_;
@@ -176,6 +180,7 @@ class Found {
   }
 
  private:
+  std::size_t n_triangles_;
   std::vector<std::int32_t> when_;
   std::int32_t now_ = 0;
 };

@@ -326,7 +326,7 @@ def surface_zones(
     vertices: ArrayLike,
     faces: ArrayLike,
     reach: float,
-    near: ArrayLike = ...,
+    near: ArrayLike | None = None,
     margin: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
 

@@ -150,7 +150,10 @@ class Simulator(Results):
                 sliding=sliding,
             )
             self._core = serial(core)
-            self._watch = StepWatch(
+            return scaled
+
+        def watch() -> StepWatch:
+            return StepWatch(
                 self._core,
                 self._name_of,
                 dt,
@@ -159,15 +162,25 @@ class Simulator(Results):
                 subcycling,
                 self._device.info.kind,
             )
-            return scaled
 
+        relief = 1.0
         if isinstance(scaling, dict):
             # Tried without sliding nodes, of which the limit knows nothing: what is known of a
             # large surface takes longer to be made ready than all else.
-            relief = self._enough_relief(scaling["dt"], lambda relief: make(relief, None))
-            scaled = make(relief, sliding)
-        else:
-            scaled = make(1.0, sliding)
+            for relief in RELIEFS[:-1]:
+                make(relief, None)
+                try:
+                    enough = watch().auto_dt >= scaling["dt"]
+                except InputError:
+                    enough = False
+                # Two would not fit a device that one fits.
+                del self._core
+                if enough:
+                    break
+            else:
+                relief = RELIEFS[-1]
+        scaled = make(relief, sliding)
+        self._watch = watch()
         if subcycling is not False:
             self._options["subcycling"] = self.substeps
         self._added_mass = added_mass(density, scaled, model.volumes)
@@ -181,17 +194,6 @@ class Simulator(Results):
             else ledger_of(self._core, model, scaled, self._options, self._name_of)
         )
         self._until_entry = 0
-
-    def _enough_relief(self, dt: float, attempt: Callable[[float], Any]) -> float:
-        """The least of RELIEFS whose limit at rest allows steps of ``dt``, else the largest."""
-        for relief in RELIEFS[:-1]:
-            try:
-                attempt(relief)
-            except InputError:
-                continue
-            if self._watch.auto_dt >= dt:
-                return relief
-        return RELIEFS[-1]
 
     def __repr__(self) -> str:
         """Say what runs where."""

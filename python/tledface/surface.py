@@ -44,6 +44,9 @@ _STRAIN_LIMIT = 1.0
 # Vertices whose gradients are at hand at a time.
 _CHUNK = 65536
 
+# Ends of an element's edges along each axis.
+_EDGES = ((0, 3, 4, 7), (1, 2, 5, 6)), ((0, 1, 4, 5), (3, 2, 7, 6)), ((0, 1, 2, 3), (4, 5, 6, 7))
+
 
 class BoundSurface:
     """A surface that follows the displacement of a voxel model, vertex for vertex.
@@ -88,8 +91,17 @@ class BoundSurface:
             None if voxel is None else np.asarray(voxel, dtype=np.float64)
         )
         self._weights = _weights(self.local)
-        outside = (self.local < 0.0).any(axis=1) | (self.local > 1.0).any(axis=1)
-        self._outside = np.flatnonzero(outside) if self.voxel is not None else np.zeros(0, int)
+        self._outside = np.flatnonzero(((self.local < 0.0) | (self.local > 1.0)).any(axis=1))
+        if self._outside.size and self.voxel is None:
+            raise InputError(
+                f"surface: vertex {self._outside[0]} lies outside its element and voxel is None; "
+                "give the sides of the elements"
+            )
+        # The elements of those outside, each once, and whose each vertex is.
+        _, first, self._carrier = np.unique(
+            self.element[self._outside], return_index=True, return_inverse=True
+        )
+        self._carrying = self.corner_nodes[self._outside[first]]
 
     @classmethod
     def on(
@@ -224,13 +236,27 @@ class BoundSurface:
             (nv, 3) m; exactly the rest positions where ``u`` is zero.
         """
         moved = self.interpolate(u)
-        for begin in range(0, len(self._outside), _CHUNK):
-            chosen = self._outside[begin : begin + _CHUNK]
-            moved[chosen] -= self._disbelieved(np.asarray(u), chosen)
+        if self._outside.size:
+            much = self._outside[self._may_be_strained(np.asarray(u))[self._carrier]]
+            for begin in range(0, len(much), _CHUNK):
+                chosen = much[begin : begin + _CHUNK]
+                moved[chosen] -= self._disbelieved(np.asarray(u), chosen)
         if self.follow is not None:
             moved *= self.follow[:, None]
         moved += self.vertices
         return moved
+
+    def _may_be_strained(self, u: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """Of each carrying element whether its gradient may be too much anywhere in it."""
+        assert self.voxel is not None
+        at = u[self._carrying]
+        square = np.zeros(len(at))
+        for axis, (low, high) in enumerate(_EDGES):
+            # The gradient along an axis is a mean of the four edges'.
+            edges = ((at[:, high] - at[:, low]) ** 2).sum(axis=2)
+            square += edges.max(axis=1) / self.voxel[axis] ** 2
+        may_be: NDArray[np.bool_] = square > _STRAIN_LIMIT**2
+        return may_be
 
     def _disbelieved(
         self, u: NDArray[np.floating], chosen: NDArray[np.integer]
@@ -240,7 +266,7 @@ class BoundSurface:
         local = self.local[chosen]
         slopes = _slopes(np.clip(local, 0.0, 1.0)) / self.voxel
         way = _beyond(local) * self.voxel
-        gradient = np.einsum("nki,nkj->nij", u[self.corner_nodes[chosen]], slopes)
+        gradient = np.matmul(u[self.corner_nodes[chosen]].transpose(0, 2, 1), slopes)
         result = np.zeros_like(way)
         # The nearest rotation is no farther off than the identity: nothing else can be too much.
         much = np.flatnonzero((gradient**2).sum(axis=(1, 2)) > _STRAIN_LIMIT**2)
@@ -375,8 +401,9 @@ def _weights(local: NDArray[np.float64]) -> NDArray[np.float64]:
         weights[:, corner] = factors[i, :, 0] * factors[j, :, 1] * factors[k, :, 2]
     beyond = _beyond(local)
     outside = np.flatnonzero(beyond.any(axis=1))
-    if outside.size:
-        weights[outside] += np.einsum("nki,ni->nk", _slopes(inside[outside]), beyond[outside])
+    for begin in range(0, len(outside), _CHUNK):
+        chosen = outside[begin : begin + _CHUNK]
+        weights[chosen] += np.matmul(_slopes(inside[chosen]), beyond[chosen, :, None])[:, :, 0]
     return weights
 
 

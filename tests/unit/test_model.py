@@ -284,17 +284,29 @@ def test_a_vertex_outside_a_voxel_is_not_drawn_out_with_it():
     moved = surface.displaced(model.nodes @ shear.T)
     assert moved[2] == pytest.approx([0.5, 0.5, 0.5 + 5.0])
     edge = np.array([0.5, 0.0, 0.0])  # the nearest place in the voxel, which stays where it is
-    for k, nearest in ((0, edge), (1, edge + [0, 0, 0.5])):
+    for k, nearest in ((0, edge), (1, np.array([0.5, 0.0, 0.5]))):
         way, was = np.linalg.norm(moved[k] - nearest), np.linalg.norm(points[k] - nearest)
         assert 0.5 * was < way < 2.0 * was
     assert np.abs(moved[3] - points[3]).max() < 4.0
     # As much as it does without a limit where there is little strain.
     little = surface.displaced(model.nodes @ (0.05 * shear).T)
     assert little[:3] == pytest.approx(points[:3] + points[:3] @ (0.05 * shear).T)
-    # A voxel that is no longer finite harms nothing but what it carries.
-    u = model.nodes @ shear.T
-    u[0] = np.nan
-    assert not np.isfinite(surface.displaced(u)).any()
+
+
+def test_a_voxel_that_is_not_finite_harms_only_the_skin_on_it():
+    model = Model.block((3, 1, 1), (3, 1, 1), SOFT)
+    points = np.random.default_rng(0).uniform([0, -0.5, -0.5], [3, 1.5, 1.5], (300, 3))
+    surface = BoundSurface.on(model, points, np.zeros((0, 3), int))
+    u = np.random.default_rng(1).normal(0, 2.0, model.nodes.shape)
+    good = surface.displaced(u)
+    assert np.isfinite(good).all()
+    for bad in (np.nan, np.inf):
+        with np.errstate(invalid="ignore"):
+            moved = surface.displaced(np.where(model.nodes[:, :1] > 2.5, bad, u))
+        harmed = surface.element == 2
+        assert 50 < harmed.sum() < 250
+        assert not np.isfinite(moved[harmed]).any()
+        assert np.array_equal(moved[~harmed], good[~harmed])
 
 
 def test_a_far_vertex_is_not_thrown_away_by_extrapolation():
