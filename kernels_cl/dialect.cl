@@ -20,14 +20,17 @@ typedef float real;
 #endif
 #define R(x) ((real)(x))
 
-// A line of memory that is soon read and written. OpenCL C's own prefetch is empty on CPUs.
+// A line of memory that is soon read and written, or only read. OpenCL C's own prefetch is empty on
+// CPUs.
 #if TLED_VECTOR_ROWS && defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
 #define prefetch_line(p) __builtin_prefetch((const void*)(size_t)(p), 1)
+#define prefetch_to_read(p) __builtin_prefetch((const void*)(size_t)(p), 0)
 #endif
 #endif
 #ifndef prefetch_line
 #define prefetch_line(p) (void)(p)
+#define prefetch_to_read(p) (void)(p)
 #endif
 
 // Rows load an element's upper face while the element below is still at work, and do two blocks one

@@ -90,13 +90,15 @@
 #define HEX_RATIO 48    // 6: h_x/h_y, and so on as SHAPE_RATIO
 #define HEX_VOLUME 54   // m^3
 
-// Rows of blocks that a band walks (rows.cl).
-// bands[2 i]: first row of band i, bands[2 i + 1]: its end. rows[4 i]: first block, number of
-// blocks, flags, first row of sliding nodes; flags >> ROW_SLIDING_SHIFT: how many are its own.
-#define ROW_SEED 1         // forces only into scratch; nodes belong to the band below
-#define ROW_CHUNK_BEGIN 2  // a new chunk in x: scratch starts from zero
-#define ROW_GRAVITY 4      // set by the kernel: there is gravity
-#define ROW_SLIDING_SHIFT 8
+// Rows of blocks that a band walks (rows.cl). bands[2 i]: first of the node rows in y of band i,
+// bands[2 i + 1]: the one behind its last. rows[4 i]: first block, number of blocks, first row of
+// sliding nodes and how many there are; chunk by chunk in x, row by row in y, row_begin[chunk * rows
+// in y + y] the first of a chunk and row, and one more behind the last.
+#define TLED_RUN 4
+#define RUN_BLOCK 0
+#define RUN_BLOCKS 1
+#define RUN_SLIDING 2
+#define RUN_SLIDING_COUNT 3
 
 // Rows of lanes a plane of scratch: forces x, y, z on the nodes of the next row of elements, by the
 // corners at low x (lane l: the node of lane l), then by those at high x (the node of lane l + 1).

@@ -101,6 +101,10 @@ typedef struct {
   __global real *out, *scratch, *edge;
 } RowArrays;
 
+// What holds for a row of blocks.
+#define ROW_SEED 1     // forces only into scratch; nodes belong to the band below
+#define ROW_GRAVITY 2  // there is gravity
+
 INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* links, int block,
                           int flags, const int has_levels) {
   const long at = (long)block * (3 * TLED_LANES);
@@ -163,15 +167,38 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
   }
 }
 
-INLINE void process_rows(ElementTables t, __global const real* u, __global real* out,
-                         __global const int* bands, __global const int* rows,
+// Which rows there are, and the bands they are dealt to (layout.cl).
+typedef struct {
+  __global const int *bands, *row_begin, *rows;
+  int n_planes, n_chunks, n_y;
+} RowTable;
+
+// Of the node rows beside a band another thread has moved the nodes. They are asked for at once, since
+// each comes from that thread's cache, and what is read of them one by one is waited for.
+INLINE void fetch_borders(RowTable t, __global const real* u, int begin, int end) {
+  for (int side = 0; side < 2; ++side) {
+    const int y = side ? end : begin - 1;
+    if (y < 0 || y == t.n_y) continue;
+    for (int chunk = 0; chunk < t.n_chunks; ++chunk) {
+      __global const int* first = t.row_begin + chunk * t.n_y + y;
+      for (int i = first[0]; i < first[1]; ++i) {
+        __global const int* row = t.rows + TLED_RUN * i;
+        __global const real* nodes = u + (long)row[RUN_BLOCK] * (3 * TLED_LANES);
+        for (int k = 0; k < row[RUN_BLOCKS] * (3 * TLED_LANES); k += LINE_REALS)
+          prefetch_to_read(nodes + k);
+      }
+    }
+  }
+}
+
+INLINE void process_rows(ElementTables t, __global const real* u, __global real* out, RowTable table,
                          __global const real* node_sets, __global real* all_scratch,
-                         __global real* edge, int n_planes, const SlideArrays* sliding,
+                         __global real* edge, const SlideArrays* sliding,
                          const SlideSurfaces* surfaces, const int physical, const int cube,
                          const int forces_only, const int has_levels) {
   const int band = (int)get_global_id(0);
   __global real* scratch =
-      all_scratch + band * ((long)n_planes * (SCRATCH_ROWS * TLED_LANES) + SCRATCH_GAP);
+      all_scratch + band * ((long)table.n_planes * (SCRATCH_ROWS * TLED_LANES) + SCRATCH_GAP);
   const RowArrays arrays = {u, node_sets, out, scratch, edge};
   const int gravity = t.step[STEP_GRAVITY] != R(0.0) || t.step[STEP_GRAVITY + 1] != R(0.0) ||
                               t.step[STEP_GRAVITY + 2] != R(0.0)
@@ -179,28 +206,38 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                           : 0;
   SlidingQueue queue;
   queue.begin = queue.end = queue.n_zones = queue.n_records = 0;
+  const int begin_y = table.bands[2 * band], end_y = table.bands[2 * band + 1];
+  fetch_borders(table, u, begin_y, end_y);
+  // The row below the band is a seed.
+  const int from_y = begin_y > 0 ? begin_y - 1 : 0;
   Face one, other, carried;
-  for (int row = bands[2 * band]; row < bands[2 * band + 1]; ++row) {
-    const int begin = rows[4 * row], end = begin + rows[4 * row + 1];
-    const int flags = rows[4 * row + 2] | gravity;
-    if (flags & ROW_CHUNK_BEGIN)
-      for (int i = 0; i < n_planes * SCRATCH_ROWS; ++i)
-        store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
-    int n_faces = 0;
-    clear_face(&carried);
-    for (int block = begin; block < end; ++block) {
-      process_block(t, arrays, block, end, flags, &one, &other, &carried, &n_faces, physical, cube,
-                    forces_only, has_levels);
+  for (int chunk = 0; chunk < table.n_chunks; ++chunk) {
+    __global const int* row_begin = table.row_begin + chunk * table.n_y;
+    const int own = row_begin[begin_y], behind = row_begin[end_y];
+    if (own == behind) continue;
+    for (int i = 0; i < table.n_planes * SCRATCH_ROWS; ++i)
+      store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
+    for (int i = row_begin[from_y]; i < behind; ++i) {
+      __global const int* row = table.rows + TLED_RUN * i;
+      const int begin = row[RUN_BLOCK], end = begin + row[RUN_BLOCKS];
+      const int flags = (i < own ? ROW_SEED : 0) | gravity;
+      int n_faces = 0;
+      clear_face(&carried);
+      for (int block = begin; block < end; ++block) {
+        process_block(t, arrays, block, end, flags, &one, &other, &carried, &n_faces, physical, cube,
+                      forces_only, has_levels);
 #if LOADS_AHEAD
-      if (++block == end) break;
-      process_block(t, arrays, block, end, flags, &other, &one, &carried, &n_faces, physical, cube,
-                    forces_only, has_levels);
+        if (++block == end) break;
+        process_block(t, arrays, block, end, flags, &other, &one, &carried, &n_faces, physical, cube,
+                      forces_only, has_levels);
 #else
-      one = other;
+        one = other;
 #endif
+      }
+      if (sliding)  // no branch on whose row it is: with PoCL that costs 3 %
+        finish_rows(sliding, surfaces, &queue, row[RUN_SLIDING],
+                    i >= own ? row[RUN_SLIDING_COUNT] : 0, out);
     }
-    if (sliding)
-      finish_rows(sliding, surfaces, &queue, rows[4 * row + 3], flags >> ROW_SLIDING_SHIFT, out);
   }
   if (sliding) finish_queue(sliding, surfaces, &queue, out);
 }
@@ -210,7 +247,8 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
 // saves 7 % of the instructions. Work-item: a band.
 #define TLED_ROWS_ARGUMENTS                                                                        \
   __global const real* restrict u, __global real* restrict u_prev,                                 \
-      __global const int* restrict bands, __global const int* restrict rows,                       \
+      __global const int* restrict bands, __global const int* restrict row_begin,                  \
+      __global const int* restrict rows,                                                           \
       __global const int* restrict blocks, __global const real* restrict materials,                \
       __global const real* restrict node_sets, __global const int* restrict law_entries,           \
       __global const real* restrict law_sets, __global const real* restrict history,               \
@@ -218,18 +256,20 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
       __global const real* restrict muscle_sets, __global const real* restrict muscle_constants,   \
       __global const real* restrict shape, __global const real* restrict step_table,               \
       __global real* restrict scratch, __global real* restrict edge, int n_bands, int n_planes,    \
-      int step_index, int step_reals
+      int n_chunks, int n_y, int step_index, int step_reals
 #define TLED_ROWS_TABLES                                                           \
   {blocks,         materials,    law_entries, law_sets,                            \
    history,        next_history, muscle_entries, muscle_sets,                      \
    muscle_constants, shape,      step_table + step_index * step_reals}
+#define TLED_ROWS_TABLE {bands, row_begin, rows, n_planes, n_chunks, n_y}
 
 #define TLED_ROWS_KERNEL(name, physical, cube, forces_only, has_levels)                            \
   __kernel void name(TLED_ROWS_ARGUMENTS) {                                                        \
     if ((int)get_global_id(0) >= n_bands) return;                                                  \
     const ElementTables t = TLED_ROWS_TABLES;                                                      \
-    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, 0, 0, physical,    \
-                 cube, forces_only, has_levels);                                                   \
+    const RowTable table = TLED_ROWS_TABLE;                                                        \
+    process_rows(t, u, u_prev, table, node_sets, scratch, edge, 0, 0, physical, cube, forces_only, \
+                 has_levels);                                                                      \
   }
 
 // The same with sliding nodes put back as soon as they are done (sliding_rows.cl).
@@ -239,8 +279,9 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
     const ElementTables t = TLED_ROWS_TABLES;                                                      \
     const SlideArrays sliding = TLED_SLIDE_ARRAYS;                                                 \
     const SlideSurfaces surfaces = TLED_SLIDE_SURFACES;                                            \
-    process_rows(t, u, u_prev, bands, rows, node_sets, scratch, edge, n_planes, &sliding,          \
-                 &surfaces, physical, cube, 0, 0);                                                 \
+    const RowTable table = TLED_ROWS_TABLE;                                                        \
+    process_rows(t, u, u_prev, table, node_sets, scratch, edge, &sliding, &surfaces, physical,     \
+                 cube, 0, 0);                                                                      \
   }
 
 // Subcycling: exchanges displacement and the one before of blocks that were due and are above level

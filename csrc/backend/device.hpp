@@ -75,6 +75,13 @@ class Kernel {
   // local_size 0 leaves the work-group size to the device; else n_items is rounded up to a multiple
   // of it (kernels check their range themselves).
   virtual void enqueue(std::size_t n_items, std::size_t local_size = 0) = 0;
+  // Where each launch of up to 4096 items in groups of one, from now on, leaves how many seconds
+  // every item took; it must outlive the launches. False where that is not known when enqueue() is
+  // back (Device::times_items).
+  virtual bool time_items(double* seconds) {
+    static_cast<void>(seconds);
+    return false;
+  }
 };
 
 // What a program is compiled for. `lanes`: nodes of a block, the width of the vector rows.
@@ -112,6 +119,8 @@ class Device {
   virtual bool prefers_vector_rows() const = 0;
   // Reals a vector row should have here (native: the instruction set's; OpenCL CPU: 8 or 16).
   virtual int preferred_lanes(Precision precision) const = 0;
+  // Whether kernels can tell how long each item took (Kernel::time_items).
+  virtual bool times_items() const { return false; }
   // Zero-filled memory; throws InputError when there is not enough, saying how much was asked for.
   virtual std::unique_ptr<Buffer> allocate(std::size_t bytes) = 0;
   virtual std::unique_ptr<Program> build(const ProgramOptions& options) = 0;

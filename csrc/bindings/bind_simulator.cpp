@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "bindings/options.hpp"
+#include "broad_phase/near_points.hpp"
 #include "broad_phase/zones.hpp"
 #include "core/bandwidth.hpp"
 #include "core/error.hpp"
@@ -289,16 +290,22 @@ void define_simulator(py::module_& module) {
       "The same by trying every triangle, in float64.");
   module.def(
       "surface_zones",
-      [](const Array<double>& vertices, const Array<std::int32_t>& faces, double reach) {
+      [](const Array<double>& vertices, const Array<std::int32_t>& faces, double reach,
+         const std::optional<Array<double>>& near, double margin) {
+        if (near && !(margin > 0)) throw InputError("surface_zones: near needs a margin above 0 m");
         const auto grids =
             make_surface_grids({make_mesh(vertices, faces)}, Vec3{0, 0, 0}, {0, 1, 2});
-        Zones zones = make_zones(grids, {{reach, 0.0}}, 1e-15);
+        std::vector<std::vector<std::uint8_t>> wanted;
+        if (near) wanted.push_back(triangles_near(grids, 0, make_points(*near), margin));
+        Zones zones = make_zones(grids, {{reach, 0.0}}, wanted, 1e-15);
         return py::make_tuple(to_array(std::move(zones.reals)),
                               to_array(std::move(zones.of_triangle)));
       },
-      py::arg("vertices"), py::arg("faces"), py::arg("reach"),
+      py::arg("vertices"), py::arg("faces"), py::arg("reach"), py::arg("near") = py::none(),
+      py::arg("margin") = 0.0,
       "Zones of a surface's faces and edges within reach (m) before it, and those of each "
-      "triangle, as kernels_cl/sliding_layout.cl lays them out.");
+      "triangle, as kernels_cl/sliding_layout.cl lays them out. near: (n, 3) m, zones are only of "
+      "triangles within `margin` (m) of these points and some farther; None: of all.");
 
   // Its functions wait without Python's lock, so that the thread of the simulator goes on.
   py::class_<Snapshot>(module, "Snapshot", "A moment of a simulation; see snapshot.hpp.")

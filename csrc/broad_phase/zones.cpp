@@ -25,6 +25,9 @@ constexpr double kLittle = 0.01;
 constexpr int kTurns = 12;
 constexpr double kTurn = 0.2;
 constexpr double kFar = 1e30;
+// Triangles or edges that a thread takes at a time: enough for what it keeps of all triangles
+// (Found).
+constexpr std::size_t kChunk = 512;
 // Numbers below it are floats.
 constexpr std::int32_t kMostNumber = 1 << 24;
 
@@ -162,11 +165,31 @@ struct Edge {
   int side, other_side;
 };
 
+// Which triangles a search has found already: they are in several cells.
+class Found {
+ public:
+  explicit Found(std::size_t n_triangles) : n_triangles_(n_triangles) {}
+  void begin() {
+    if (when_.empty()) when_.assign(n_triangles_, 0);
+    ++now_;
+  }
+  bool is_new(std::int32_t triangle) {
+    const bool found = when_[triangle] == now_;
+    when_[triangle] = now_;
+    return !found;
+  }
+
+ private:
+  std::size_t n_triangles_;
+  std::vector<std::int32_t> when_;
+  std::int32_t now_ = 0;
+};
+
 // The triangles of one surface, seen from one side.
 class SideZones {
  public:
   SideZones(const SurfaceGrids& surfaces, std::size_t surface, bool behind, double reach,
-            double rounding, Zones& zones)
+            const std::vector<std::uint8_t>& wanted, double rounding, Zones& zones)
       : surfaces_(surfaces),
         grid_(surfaces.grids.data() + surface * GRID_INTS),
         low_(surfaces.grid_reals.data() + surface * GRID_REALS),
@@ -183,32 +206,42 @@ class SideZones {
       extent = std::max(extent, norm(triangles_.back().middle));
     }
     rounding_ = rounding * (extent + reach);
+    number_.assign(n_, -1);
+    for (std::int32_t t = 0; t < n_; ++t) {
+      if (!wanted.empty() && !wanted[t]) continue;
+      number_[t] = static_cast<std::int32_t>(wanted_.size());
+      wanted_.push_back(t);
+    }
   }
 
   void make() {
     base_ = static_cast<std::int32_t>(zones_.reals.size() / kZoneReals);
     neighbour_.assign(3 * std::size_t(n_), -1);
-    std::vector<Space> faces(n_);
-    parallel_for_chunks(n_, 64, [&](std::size_t begin, std::size_t end) {
-      for (std::size_t t = begin; t < end; ++t) faces[t] = face(static_cast<std::int32_t>(t));
+    const std::size_t n_faces = wanted_.size();
+    std::vector<Space> faces(n_faces);
+    parallel_for_chunks(n_faces, kChunk, [&](std::size_t begin, std::size_t end) {
+      Found found(n_);
+      for (std::size_t i = begin; i < end; ++i) faces[i] = face(wanted_[i], found);
     });
     std::vector<Edge> edges;
     std::vector<std::int32_t> zone_of_side(3 * std::size_t(n_), -1);
-    for (std::int32_t t = 0; t < n_; ++t)
+    for (const std::int32_t t : wanted_)
       for (int k = 0; k < 3; ++k) {
         const std::int32_t other = neighbour_[3 * t + k];
         if (other < t || !is_convex(t, k)) continue;
         const int back = shared_side(triangles_[other], triangles_[t]);
         if (neighbour_[3 * other + back] != t) continue;
         zone_of_side[3 * t + k] = zone_of_side[3 * other + back] =
-            base_ + n_ + static_cast<std::int32_t>(edges.size());
+            base_ + static_cast<std::int32_t>(n_faces + edges.size());
         edges.push_back({t, other, k, back});
       }
-    const std::size_t count = n_ + edges.size();
+    const std::size_t count = n_faces + edges.size();
     zones_.reals.resize((base_ + count) * kZoneReals, 0.0);
-    parallel_for_chunks(count, 64, [&](std::size_t begin, std::size_t end) {
+    parallel_for_chunks(count, kChunk, [&](std::size_t begin, std::size_t end) {
+      Found found(n_);
       for (std::size_t z = begin; z < end; ++z) {
-        Space space = z < std::size_t(n_) ? std::move(faces[z]) : edge(edges[z - n_]);
+        const bool is_face = z < n_faces;
+        Space space = is_face ? std::move(faces[z]) : edge(edges[z - n_faces], found);
         double* reals = &zones_.reals[(base_ + z) * kZoneReals];
         const auto put = [&](int at, const Vec3& v) {
           for (int a = 0; a < 3; ++a) reals[at + a] = v[a];
@@ -221,17 +254,18 @@ class SideZones {
           const int at = ZONE_BORDERS + static_cast<int>(k) * ZONE_BORDER_REALS;
           put(at, border.outward);
           reals[at + 3] = border.limit;
-          std::int32_t behind = border.behind < 0 ? -1 : base_ + border.behind;
-          if (z < std::size_t(n_) && k < 3 && zone_of_side[3 * z + k] >= 0)
-            behind = zone_of_side[3 * z + k];
+          const std::int32_t face = border.behind < 0 ? -1 : number_[border.behind];
+          std::int32_t behind = face < 0 ? -1 : base_ + face;
+          if (is_face && k < 3 && zone_of_side[3 * std::size_t(wanted_[z]) + k] >= 0)
+            behind = zone_of_side[3 * std::size_t(wanted_[z]) + k];
           reals[at + 4] = behind;
         }
-        if (z < std::size_t(n_)) {
-          put(ZONE_ON, triangles_[z].corner[0]);
-          put(ZONE_DIRECTION, triangles_[z].normal);
+        if (is_face) {
+          put(ZONE_ON, triangles_[wanted_[z]].corner[0]);
+          put(ZONE_DIRECTION, triangles_[wanted_[z]].normal);
           continue;
         }
-        const Edge& e = edges[z - n_];
+        const Edge& e = edges[z - n_faces];
         Vec3 from = triangles_[e.triangle].corner[e.side],
              to = triangles_[e.triangle].corner[(e.side + 1) % 3];
         if (to < from) std::swap(from, to);
@@ -240,10 +274,10 @@ class SideZones {
         put(ZONE_DIRECTION, unit(to - from));
       }
     });
-    for (std::int32_t t = 0; t < n_; ++t) {
+    for (const std::int32_t t : wanted_) {
       std::int32_t* of = &zones_.of_triangle[std::size_t(first_ + t) * TRIANGLE_ZONES +
                                              (behind_ ? TRIANGLE_ZONES / 2 : 0)];
-      of[0] = base_ + t;
+      of[0] = base_ + number_[t];
       for (int k = 0; k < 3; ++k) of[1 + k] = zone_of_side[3 * t + k];
     }
   }
@@ -261,7 +295,9 @@ class SideZones {
   }
   bool is_convex(std::int32_t t, int k) const { return rise_behind(t, k) < 0; }
 
-  std::vector<std::int32_t> near(const Vec3& low, const Vec3& high, double within) const {
+  // Triangles whose balls come `within` of the ball about a box, ascending.
+  std::vector<std::int32_t> near(const Vec3& low, const Vec3& high, double within,
+                                 Found& found) const {
     std::int64_t from[3], to[3];
     for (int a = 0; a < 3; ++a) {
       const auto index = [&](double x) {
@@ -271,37 +307,36 @@ class SideZones {
       from[a] = index(low[a] - within);
       to[a] = index(high[a] + within);
     }
-    std::vector<std::int32_t> found;
+    const Vec3 middle = 0.5 * (low + high);
+    const double half = 0.5 * norm(high - low) + within;
+    std::vector<std::int32_t> result;
+    found.begin();
     for (std::int64_t z = from[2]; z <= to[2]; ++z)
       for (std::int64_t y = from[1]; y <= to[1]; ++y)
         for (std::int64_t x = from[0]; x <= to[0]; ++x) {
           const std::size_t cell = grid_[3] + (z * grid_[1] + y) * grid_[0] + x;
-          for (std::int32_t i = surfaces_.cell_begin[cell]; i < surfaces_.cell_begin[cell + 1]; ++i)
-            found.push_back(surfaces_.cell_triangles[i] - first_);
+          for (std::int32_t i = surfaces_.cell_begin[cell]; i < surfaces_.cell_begin[cell + 1];
+               ++i) {
+            const std::int32_t t = surfaces_.cell_triangles[i] - first_;
+            if (found.is_new(t) &&
+                norm(triangles_[t].middle - middle) <= half + triangles_[t].radius)
+              result.push_back(t);
+          }
         }
-    std::sort(found.begin(), found.end());
-    found.erase(std::unique(found.begin(), found.end()), found.end());
-    const Vec3 middle = 0.5 * (low + high);
-    const double half = 0.5 * norm(high - low) + within;
-    found.erase(std::remove_if(found.begin(), found.end(),
-                               [&](std::int32_t t) {
-                                 return norm(triangles_[t].middle - middle) >
-                                        half + triangles_[t].radius;
-                               }),
-                found.end());
-    return found;
+    std::sort(result.begin(), result.end());
+    return result;
   }
 
   // The prism over a face, less what is nearer to others. Where the next face rises, the plane
   // between the two bounds it.
-  Space face(std::int32_t number) {
+  Space face(std::int32_t number, Found& found) {
     const Triangle& t = triangles_[number];
     const Vec3 rise = up(number);
     Space space;
     space.on = t.corner[0];
     space.rise = rise;
     const auto others = near(min(min(t.corner[0], t.corner[1]), t.corner[2]),
-                             max(max(t.corner[0], t.corner[1]), t.corner[2]), 2 * reach_);
+                             max(max(t.corner[0], t.corner[1]), t.corner[2]), 2 * reach_, found);
     int count[3] = {0, 0, 0};
     std::int32_t* neighbour = &neighbour_[3 * std::size_t(number)];
     for (const std::int32_t other : others) {
@@ -351,7 +386,7 @@ class SideZones {
   }
 
   // The wedge over an edge between its faces' prisms.
-  Space edge(const Edge& e) const {
+  Space edge(const Edge& e, Found& found) const {
     const Triangle &t0 = triangles_[e.triangle], &t1 = triangles_[e.other];
     const Vec3 &a = t0.corner[e.side], &b = t0.corner[(e.side + 1) % 3];
     const Vec3 up0 = up(e.triangle), up1 = up(e.other), middle = unit(up0 + up1),
@@ -376,7 +411,7 @@ class SideZones {
         space.samples.push_back(space.vertices.back());
       }
     }
-    for (const std::int32_t other : near(min(a, b), max(a, b), 2 * reach_ / cosine)) {
+    for (const std::int32_t other : near(min(a, b), max(a, b), 2 * reach_ / cosine, found)) {
       if (other == e.triangle || other == e.other) continue;
       const Triangle& t = triangles_[other];
       if (is_behind(t, up0, a, rounding_) && is_behind(t, up1, a, rounding_)) continue;
@@ -399,7 +434,8 @@ class SideZones {
   double sign_, reach_, rounding_ = 0;
   Zones& zones_;
   std::vector<Triangle> triangles_;
-  std::vector<std::int32_t> neighbour_;  // behind each side; -1: none or several
+  std::vector<std::int32_t> neighbour_;        // behind each side; -1: none or several
+  std::vector<std::int32_t> wanted_, number_;  // triangles with zones; of each its place there, -1
 };
 
 // Each zone in as many units as it has groups of borders: most have one, and what a look at a
@@ -442,13 +478,15 @@ void pack(Zones& zones) {
 }  // namespace
 
 Zones make_zones(const SurfaceGrids& surfaces, const std::vector<std::array<double, 2>>& reach,
-                 double rounding) {
+                 const std::vector<std::vector<std::uint8_t>>& wanted, double rounding) {
   Zones zones;
   zones.of_triangle.assign(surfaces.triangles.size() / TRIANGLE_REALS * TRIANGLE_ZONES, -1);
   for (std::size_t surface = 0; surface < reach.size(); ++surface)
     for (const bool behind : {false, true})
       if (reach[surface][behind] > 0)
-        SideZones(surfaces, surface, behind, reach[surface][behind], rounding, zones).make();
+        SideZones(surfaces, surface, behind, reach[surface][behind],
+                  wanted.empty() ? std::vector<std::uint8_t>() : wanted[surface], rounding, zones)
+            .make();
   pack(zones);
   return zones;
 }

@@ -15,9 +15,10 @@ struct Zones {
   std::vector<std::int32_t> of_triangle;  // TRIANGLE_ZONES a triangle; -1: none
 };
 
-// reach: of each surface how far before and behind it nodes are, m; 0: none. rounding: share of a
+// reach: of each surface how far before and behind it nodes are, m; 0: none. wanted: of each
+// triangle of each surface whether there are to be zones of it; empty: of all. rounding: share of a
 // coordinate that is nothing. Zones are convex and do not overlap, but they need not fill space.
 Zones make_zones(const SurfaceGrids& surfaces, const std::vector<std::array<double, 2>>& reach,
-                 double rounding);
+                 const std::vector<std::vector<std::uint8_t>>& wanted, double rounding);
 
 }  // namespace tledface

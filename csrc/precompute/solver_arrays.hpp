@@ -19,14 +19,6 @@ struct PrecomputeOptions {
   std::array<int, 3> axis_order{-1, -1, -1};
 };
 
-// A band of node rows: what one work-item of the row kernels does.
-struct RowBands {
-  std::vector<std::int32_t> bands;  // 2 per band
-  std::vector<std::int32_t> rows;   // 4 per row
-  std::int32_t n_planes = 0;
-  std::size_t n_bands() const { return bands.size() / 2; }
-};
-
 struct SolverArrays {
   int lanes = 0;
   // Solver axis a is axis order[a] of the model: the solver may run along another axis than x.
@@ -51,15 +43,12 @@ struct SolverArrays {
   // node_forces[node_begin[slot]] ... [node_begin[slot + 1]]: where the node's corner forces are.
   std::vector<std::int32_t> node_begin, node_forces;
 
-  // (block, x-chunk, y, z) of every block, for dealing rows to bands.
+  // (x-chunk, y, z) of every block, for the rows that kernels walk (row_table.hpp).
   std::vector<std::array<std::int32_t, 3>> block_at;
 
   // Slot of a corner of an element; bits of `corner`: 1 x, 2 y, 4 z (solver axes).
   std::int64_t corner_slot(std::size_t element, int corner) const;
   double fill() const;  // active share of the lanes that are computed
-  // levels: of each block's nodes; rows then are runs of blocks up to `highest`. Empty: all.
-  RowBands make_bands(std::size_t n_bands, const std::vector<std::uint8_t>& levels = {},
-                      int highest = 0) const;
 };
 
 SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions& options);

@@ -5,6 +5,8 @@
 #include <vector>
 
 #include "precompute/layout.hpp"
+#include "precompute/row_table.hpp"
+#include "sim/band_balance.hpp"
 #include "sim/kernel_binder.hpp"
 #include "sim/tile_path.hpp"
 
@@ -12,13 +14,13 @@ namespace tledface {
 namespace {
 
 // Where the kernels take the index of the step in the table.
-constexpr unsigned kRowsStepIndex = 20, kElementsStepIndex = 14, kNodesStepIndex = 7,
+constexpr unsigned kRowsStepIndex = 23, kElementsStepIndex = 14, kNodesStepIndex = 7,
                    kHexStepIndex = 16, kHexNodesStepIndex = 9;
 constexpr unsigned kElementsStore = 16, kHexStore = 18;  // 1: the history of laws is kept
 // Where those that integrate take the links of blocks and the inverse masses.
-constexpr unsigned kRowsBands = 2, kRowsRows = 3, kRowsCount = 18, kSwapList = 2, kSwapCount = 3;
-constexpr unsigned kRowsBlocks = 4, kRowsNodeSets = 6, kRowsSliding = 22, kNodesBlocks = 3,
-                   kNodesNodeSets = 4;
+constexpr unsigned kRowsBands = 2, kRowsBegin = 3, kRowsRows = 4, kRowsBlocks = 5,
+                   kRowsNodeSets = 7, kRowsCount = 19, kRowsSliding = 25, kNodesBlocks = 3,
+                   kNodesNodeSets = 4, kSwapList = 2, kSwapCount = 3;
 // Work-items a group of the gather kernels: four blocks of 16 lanes.
 constexpr std::size_t kGroup = 64;
 
@@ -27,12 +29,14 @@ class RowsPath final : public ForcePath {
   RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
            const ForcePathOptions& options)
       : binder_(binder), arrays_(arrays), buffers_(b), options_(options), u_{b.u[0], b.u[1]} {
-    // Two bands a compute unit: enough to level them out, few enough that seed rows cost little.
-    n_bands_ = options.n_bands ? options.n_bands : 2 * std::size_t(device.info().compute_units);
-    all_ = make_rows({}, 0);
+    // A band for each thread, if they follow what the threads do; else two, which levels them out
+    // and does not cost too many seed rows.
+    const std::size_t units = device.info().compute_units;
+    n_bands_ = options.n_bands ? options.n_bands : (device.times_items() ? 1 : 2) * units;
+    all_ = make_rows(make_row_table(arrays));
     const std::size_t real = real_size(options.precision);
     // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.
-    const std::size_t scratch = std::size_t(all_.n_planes) * SCRATCH_ROWS * arrays.lanes;
+    const std::size_t scratch = std::size_t(all_.table.n_planes) * SCRATCH_ROWS * arrays.lanes;
     scratch_ = binder.allocate(n_bands_ * (scratch + SCRATCH_GAP) * real, bytes_);
     edge_ = binder.allocate(std::size_t(arrays.n_blocks + 1) * 4 * real, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
@@ -50,33 +54,33 @@ class RowsPath final : public ForcePath {
   void enqueue_step(int now, std::int32_t index, int highest) override {
     const bool has_levels = highest >= 0 && !due_.empty();
     const bool some = has_levels && highest + 1 < static_cast<int>(due_.size());
-    const DueRows& rows = some ? due_[highest] : all_;
-    if (rows.n_bands == 0) return;
+    DueRows& rows = some ? due_[highest] : all_;
+    if (rows.balance.n_bands() == 0) return;
     Kernel& kernel = has_levels ? *step_levels_[now] : *step_[now];
     kernel.set_arg(kRowsBands, *rows.bands);
+    kernel.set_arg(kRowsBegin, *rows.row_begin);
     kernel.set_arg(kRowsRows, *rows.rows);
-    kernel.set_arg(kRowsCount, static_cast<std::int32_t>(rows.n_bands));
+    kernel.set_arg(kRowsCount, static_cast<std::int32_t>(rows.balance.n_bands()));
     kernel.set_arg(kRowsStepIndex, index);
-    kernel.enqueue(rows.n_bands, 1);
+    enqueue_bands(kernel, rows);
   }
   void enqueue_forces(int now, Buffer& force) override {
     force_[now]->set_arg(1, force);
-    force_[now]->enqueue(all_.n_bands, 1);
+    force_[now]->enqueue(all_.balance.n_bands(), 1);
     force_[now]->set_arg(1, *u_[1 - now]);
   }
 
   bool fuse_sliding(const SlidingRowBuffers& sliding) override {
-    RowBands bands = arrays_.make_bands(n_bands_, {}, 0);
+    std::vector<std::int32_t> rows = all_.table.rows;
     const std::vector<std::int32_t>& blocks = *sliding.blocks;
-    for (std::size_t row = 0; row < bands.rows.size(); row += 4) {
-      const std::int32_t begin = bands.rows[row], end = begin + bands.rows[row + 1];
-      if (bands.rows[row + 2] & ROW_SEED) continue;
+    for (std::size_t row = 0; row < rows.size(); row += TLED_RUN) {
+      const std::int32_t begin = rows[row + RUN_BLOCK], end = begin + rows[row + RUN_BLOCKS];
       const auto first = std::lower_bound(blocks.begin(), blocks.end(), begin);
-      const auto count = std::lower_bound(first, blocks.end(), end) - first;
-      bands.rows[row + 2] |= static_cast<std::int32_t>(count << ROW_SLIDING_SHIFT);
-      bands.rows[row + 3] = static_cast<std::int32_t>(first - blocks.begin());
+      rows[row + RUN_SLIDING] = static_cast<std::int32_t>(first - blocks.begin());
+      rows[row + RUN_SLIDING_COUNT] =
+          static_cast<std::int32_t>(std::lower_bound(first, blocks.end(), end) - first);
     }
-    sliding_rows_ = binder_.upload(bands.rows, bytes_);
+    sliding_rows_ = binder_.upload(rows, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
       step_sliding_[parity] = make_kernel("step_sliding_" + step_form(arrays_, options_), parity);
       step_sliding_[parity]->set_arg(kRowsRows, *sliding_rows_);
@@ -88,7 +92,7 @@ class RowsPath final : public ForcePath {
   }
   void enqueue_sliding_step(int now, std::int32_t index) override {
     step_sliding_[now]->set_arg(kRowsStepIndex, index);
-    step_sliding_[now]->enqueue(all_.n_bands, 1);
+    enqueue_bands(*step_sliding_[now], all_);
   }
 
   bool subcycles() const override { return true; }
@@ -100,7 +104,9 @@ class RowsPath final : public ForcePath {
       if (!step_levels_[parity])
         step_levels_[parity] = make_kernel("step_levels_" + step_form(arrays_, options_), parity);
     for (int level = 0; level < levels.n_levels; ++level)
-      due_.push_back(level + 1 < levels.n_levels ? make_rows(levels.nodes, level) : DueRows());
+      due_.push_back(level + 1 < levels.n_levels
+                         ? make_rows(make_row_table(arrays_, levels.nodes, level))
+                         : DueRows());
     std::vector<std::int32_t> list;
     for (int level = 1; level < levels.n_levels; ++level) {
       for (std::int32_t b = 0; b < arrays_.n_blocks; ++b)
@@ -122,30 +128,39 @@ class RowsPath final : public ForcePath {
  private:
   // Rows that a step walks.
   struct DueRows {
-    std::size_t n_bands = 0;
-    std::int32_t n_planes = 0;
-    std::unique_ptr<Buffer> bands, rows;
+    RowTable table;
+    BandBalance balance;
+    std::unique_ptr<Buffer> bands, row_begin, rows;
   };
 
-  DueRows make_rows(const std::vector<std::uint8_t>& levels, int highest) {
-    const RowBands bands = arrays_.make_bands(n_bands_, levels, highest);
-    DueRows rows;
-    if (bands.rows.empty()) return rows;
-    rows.n_bands = bands.n_bands();
-    rows.n_planes = bands.n_planes;
-    rows.bands = binder_.upload(bands.bands, bytes_);
-    rows.rows = binder_.upload(bands.rows, bytes_);
-    return rows;
+  DueRows make_rows(RowTable table) {
+    DueRows due;
+    if (!table.rows.empty()) {
+      due.balance = BandBalance(table.work, n_bands_);
+      due.bands = binder_.upload(due.balance.bands(), bytes_);
+      due.row_begin = binder_.upload(table.row_begin, bytes_);
+      due.rows = binder_.upload(table.rows, bytes_);
+    }
+    due.table = std::move(table);
+    return due;
+  }
+  static void enqueue_bands(Kernel& kernel, DueRows& rows) {
+    const bool is_timed = kernel.time_items(rows.balance.seconds());
+    kernel.enqueue(rows.balance.n_bands(), 1);
+    if (!is_timed || !rows.balance.enter()) return;
+    const std::vector<std::int32_t>& bands = rows.balance.bands();
+    rows.bands->write(bands.data(), bands.size() * sizeof(std::int32_t));
   }
   std::unique_ptr<Kernel> make_kernel(const std::string& name, int parity) const {
     const SolverBuffers& b = buffers_;
     return binder_.make(
         name,
-        {b.u[parity], b.u[1 - parity], all_.bands.get(), all_.rows.get(), b.blocks, b.materials,
-         b.node_sets, b.law_entries, b.law_sets, b.history[parity], b.history[1 - parity],
-         b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape, b.step_table, scratch_.get(),
-         edge_.get()},
-        {static_cast<std::int32_t>(all_.n_bands), all_.n_planes, 0, options_.step_reals});
+        {b.u[parity], b.u[1 - parity], all_.bands.get(), all_.row_begin.get(), all_.rows.get(),
+         b.blocks, b.materials, b.node_sets, b.law_entries, b.law_sets, b.history[parity],
+         b.history[1 - parity], b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape,
+         b.step_table, scratch_.get(), edge_.get()},
+        {static_cast<std::int32_t>(all_.balance.n_bands()), all_.table.n_planes,
+         all_.table.n_chunks, all_.table.n_y, 0, options_.step_reals});
   }
 
   const Binder binder_;

@@ -5,6 +5,7 @@
 #include <limits>
 #include <string>
 
+#include "broad_phase/near_points.hpp"
 #include "broad_phase/sliding_layout.hpp"
 #include "broad_phase/zones.hpp"
 #include "core/error.hpp"
@@ -17,7 +18,7 @@ namespace {
 constexpr std::size_t kGroup = 64;
 // First byte of a state: what follows is laid out as by this version of the kernels, and where rows
 // are those of blocks though they are no vectors.
-constexpr std::uint8_t kLayout = 8, kTileLayout = 9;
+constexpr std::uint8_t kLayout = 10, kTileLayout = 11;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain
@@ -81,6 +82,31 @@ std::vector<std::array<double, 2>> reach_of(const SlidingNodes& given, const Sur
     far = std::max(far, std::min(kMore * std::abs(d) + kLeast * cell, kMost * cell));
   }
   return reach;
+}
+
+// Of each surface the triangles that nodes may come to, as far as can be said at rest: a quarter of
+// what they take up along its longest side is farther than tissue slides, and 8 cells of the grid
+// for few nodes. Zones take longer to make than a model of a forehead takes for a hundred steps,
+// and the bone is a whole head's; nodes that do get farther are sought, which is slower and no less
+// exact.
+std::vector<std::vector<std::uint8_t>> triangles_for(const SlidingNodes& given,
+                                                     const std::vector<Vec3>& positions,
+                                                     const SurfaceGrids& grids) {
+  constexpr double kSide = 0.25, kCells = 8;
+  std::vector<std::vector<Vec3>> on(given.surfaces.size());
+  for (std::size_t i = 0; i < positions.size(); ++i) on[given.surface[i]].push_back(positions[i]);
+  std::vector<std::vector<std::uint8_t>> result;
+  for (std::size_t s = 0; s < on.size(); ++s) {
+    double longest = 0;
+    for (int a = 0; a < 3 && !on[s].empty(); ++a) {
+      const auto [low, high] = std::minmax_element(
+          on[s].begin(), on[s].end(), [&](const Vec3& p, const Vec3& q) { return p[a] < q[a]; });
+      longest = std::max(longest, (*high)[a] - (*low)[a]);
+    }
+    const double margin = std::max(kSide * longest, kCells * grids.grid_reals[s * GRID_REALS + 3]);
+    result.push_back(triangles_near(grids, s, on[s], margin));
+  }
+  return result;
 }
 
 double rounding_of(Precision precision) { return precision == Precision::kDouble ? 1e-15 : 5e-8; }
@@ -217,7 +243,15 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   // A radius of 0: sought at the first step.
   candidate_reals_ = reals(std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
   triangles_ = reals(grids.triangles);
-  Zones zones = make_zones(grids, reach_of(given, grids), rounding_of(precision));
+  std::vector<Vec3> positions;
+  for (const std::int64_t node : given.nodes) {
+    const auto at = model.position(node);
+    Vec3 p;
+    for (int a = 0; a < 3; ++a) p[a] = at[arrays.order[a]] - centre_[arrays.order[a]];
+    positions.push_back(p);
+  }
+  Zones zones = make_zones(grids, reach_of(given, grids), triangles_for(given, positions, grids),
+                           rounding_of(precision));
   // Behind the last there is room for the borders of a full one: they are read before their number
   // is.
   const std::size_t room = ZONE_BORDERS + ZONE_MOST_BORDERS * ZONE_BORDER_REALS;

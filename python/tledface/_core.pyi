@@ -323,7 +323,11 @@ def brute_force_nearest(
     vertices: ArrayLike, faces: ArrayLike, points: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
 def surface_zones(
-    vertices: ArrayLike, faces: ArrayLike, reach: float
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    reach: float,
+    near: ArrayLike | None = None,
+    margin: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]: ...
 
 class _ElementState(TypedDict):

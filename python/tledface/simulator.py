@@ -129,7 +129,9 @@ class Simulator(Results):
         tune_recording(self._device)
         density = model.element_parameters()["density"]
         self._schedules = [Constant(0.0) for _ in model.muscles]
-        for relief in RELIEFS if isinstance(scaling, dict) else (1.0,):
+        sliding = core_sliding(model)
+
+        def make(relief: float, sliding: _core.SlidingNodes | None) -> NDArray[np.float64]:
             scaled = scaled_density(core_model(model), density, scaling, relief)
             # Weight must not grow with the mass: it goes in as a force where masses are changed.
             heavier = bool((scaled > density).any() and model.gravity.any())
@@ -145,26 +147,40 @@ class Simulator(Results):
                 damping=damping,
                 kernels=kernels,
                 conditions=self._conditions.core,
-                sliding=core_sliding(model),
+                sliding=sliding,
             )
             self._core = serial(core)
-            factor = None if isinstance(scaling, dict) else scaling or 1.0
-            try:
-                self._watch = StepWatch(
-                    self._core,
-                    self._name_of,
-                    dt,
-                    factor,
-                    len(model.muscles),
-                    subcycling,
-                    self._device.info.kind,
-                )
-            except InputError:
-                if isinstance(scaling, dict) and relief < RELIEFS[-1]:
-                    continue
-                raise
-            if not isinstance(scaling, dict) or self._watch.auto_dt >= scaling["dt"]:
-                break
+            return scaled
+
+        def watch() -> StepWatch:
+            return StepWatch(
+                self._core,
+                self._name_of,
+                dt,
+                None if isinstance(scaling, dict) else scaling or 1.0,
+                len(model.muscles),
+                subcycling,
+                self._device.info.kind,
+            )
+
+        relief = 1.0
+        if isinstance(scaling, dict):
+            # Tried without sliding nodes, of which the limit knows nothing: what is known of a
+            # large surface takes longer to be made ready than all else.
+            for relief in RELIEFS[:-1]:
+                make(relief, None)
+                try:
+                    enough = watch().auto_dt >= scaling["dt"]
+                except InputError:
+                    enough = False
+                # Two would not fit a device that one fits.
+                del self._core
+                if enough:
+                    break
+            else:
+                relief = RELIEFS[-1]
+        scaled = make(relief, sliding)
+        self._watch = watch()
         if subcycling is not False:
             self._options["subcycling"] = self.substeps
         self._added_mass = added_mass(density, scaled, model.volumes)

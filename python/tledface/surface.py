@@ -1,7 +1,9 @@
 """Surfaces bound to a voxel model: binding by nearest element, motion by trilinear interpolation.
 
 A vertex holds the index of its element and its trilinear coordinates there, 0 to 1 across the
-element. Corner order is the VTK hexahedron's.
+element. Corner order is the VTK hexahedron's. A vertex outside goes with the nearest place of its
+element: by the displacement there and on along its gradient, of which more than so much strain is
+not believed.
 """
 
 from __future__ import annotations
@@ -31,9 +33,19 @@ _FACE_CORNERS = np.array(
 )
 _FACE_STEPS = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1]])
 
-# A vertex further outside its element than this (in voxels) moves as the point at this distance:
-# trilinear extrapolation grows with the cube of the distance.
+# A vertex further outside its element than this (in voxels) moves as the point at this distance.
 _EXTRAPOLATION_LIMIT = 1.0
+
+# What lies outside an element is strained at most this much (Frobenius norm of F - R), and turned
+# with it as far as it is turned. A voxel at a free edge may be sheared to several times its length:
+# skin a voxel away from it, moved by all of that, is drawn out into a spike.
+_STRAIN_LIMIT = 1.0
+
+# Vertices whose gradients are at hand at a time.
+_CHUNK = 65536
+
+# Ends of an element's edges along each axis.
+_EDGES = ((0, 3, 4, 7), (1, 2, 5, 6)), ((0, 1, 4, 5), (3, 2, 7, 6)), ((0, 1, 2, 3), (4, 5, 6, 7))
 
 
 class BoundSurface:
@@ -48,6 +60,7 @@ class BoundSurface:
         follow: (nv,) float64, the share of the displacement that each vertex takes: 1, and less
             to 0 (it stays at rest) beyond ``reach``; or None, all take it.
         polygons: The faces as the surface's file has them.
+        voxel: (3,) m, sides of the elements; None where no vertex lies outside its element.
     """
 
     def __init__(
@@ -60,6 +73,7 @@ class BoundSurface:
         *,
         follow: ArrayLike | None = None,
         polygons: Polygons | None = None,
+        voxel: ArrayLike | None = None,
     ) -> None:
         """Hold a known binding; `BoundSurface.on` finds one."""
         self.vertices: NDArray[np.float64] = np.ascontiguousarray(vertices, dtype=np.float64)
@@ -73,7 +87,21 @@ class BoundSurface:
         self.polygons: Polygons = (
             Polygons.of_triangles(self.faces) if polygons is None else polygons
         )
-        self._weights = _trilinear_weights(self.local)
+        self.voxel: NDArray[np.float64] | None = (
+            None if voxel is None else np.asarray(voxel, dtype=np.float64)
+        )
+        self._weights = _weights(self.local)
+        self._outside = np.flatnonzero(((self.local < 0.0) | (self.local > 1.0)).any(axis=1))
+        if self._outside.size and self.voxel is None:
+            raise InputError(
+                f"surface: vertex {self._outside[0]} lies outside its element and voxel is None; "
+                "give the sides of the elements"
+            )
+        # The elements of those outside, each once, and whose each vertex is.
+        _, first, self._carrier = np.unique(
+            self.element[self._outside], return_index=True, return_inverse=True
+        )
+        self._carrying = self.corner_nodes[self._outside[first]]
 
     @classmethod
     def on(
@@ -120,7 +148,16 @@ class BoundSurface:
         if follow is not None and (follow == 1.0).all():
             follow = None
         corners = model.elements[element]
-        return cls(points, triangles, element, local, corners, follow=follow, polygons=polygons)
+        return cls(
+            points,
+            triangles,
+            element,
+            local,
+            corners,
+            follow=follow,
+            polygons=polygons,
+            voxel=model.voxel,
+        )
 
     @property
     def bound(self) -> NDArray[np.bool_]:
@@ -143,7 +180,11 @@ class BoundSurface:
         return np.ascontiguousarray(self.faces[self.bound[self.faces].all(axis=1)])
 
     def interpolate(self, field: ArrayLike) -> NDArray[np.float64]:
-        """Interpolate a nodal vector field, (n_nodes, 3), to the vertices, (nv, 3)."""
+        """Interpolate a nodal vector field, (n_nodes, 3), to the vertices, (nv, 3).
+
+        Outside its element a vertex has the value of the nearest place in it, and what the gradient
+        there adds.
+        """
         values = np.asarray(field)
         if values.ndim != 2 or values.shape[1] != 3:
             raise InputError(f"nodal field: got shape {values.shape}, need (n_nodes, 3)")
@@ -180,7 +221,7 @@ class BoundSurface:
         total = np.bincount(nodes.reshape(-1), np.repeat(values[carrying], 8))
         at_nodes = total / np.maximum(np.bincount(nodes.reshape(-1)), 1)
         # A vertex outside its element has the value of the nearest point in it.
-        weights = _trilinear_weights(np.clip(self.local, 0.0, 1.0))
+        weights = _weights(np.clip(self.local, 0.0, 1.0))
         result: NDArray[np.float64] = (weights * at_nodes[self.corner_nodes]).sum(axis=1)
         result[~self.bound] = np.nan
         return result
@@ -195,10 +236,50 @@ class BoundSurface:
             (nv, 3) m; exactly the rest positions where ``u`` is zero.
         """
         moved = self.interpolate(u)
+        if self._outside.size:
+            much = self._outside[self._may_be_strained(np.asarray(u))[self._carrier]]
+            for begin in range(0, len(much), _CHUNK):
+                chosen = much[begin : begin + _CHUNK]
+                moved[chosen] -= self._disbelieved(np.asarray(u), chosen)
         if self.follow is not None:
             moved *= self.follow[:, None]
         moved += self.vertices
         return moved
+
+    def _may_be_strained(self, u: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """Of each carrying element whether its gradient may be too much anywhere in it."""
+        assert self.voxel is not None
+        at = u[self._carrying]
+        square = np.zeros(len(at))
+        for axis, (low, high) in enumerate(_EDGES):
+            # The gradient along an axis is a mean of the four edges'.
+            edges = ((at[:, high] - at[:, low]) ** 2).sum(axis=2)
+            square += edges.max(axis=1) / self.voxel[axis] ** 2
+        may_be: NDArray[np.bool_] = square > _STRAIN_LIMIT**2
+        return may_be
+
+    def _disbelieved(
+        self, u: NDArray[np.floating], chosen: NDArray[np.integer]
+    ) -> NDArray[np.float64]:
+        """What too much strain adds to the displacement of vertices outside their elements, m."""
+        assert self.voxel is not None
+        local = self.local[chosen]
+        slopes = _slopes(np.clip(local, 0.0, 1.0)) / self.voxel
+        way = _beyond(local) * self.voxel
+        gradient = np.matmul(u[self.corner_nodes[chosen]].transpose(0, 2, 1), slopes)
+        result = np.zeros_like(way)
+        # The nearest rotation is no farther off than the identity: nothing else can be too much.
+        much = np.flatnonzero((gradient**2).sum(axis=(1, 2)) > _STRAIN_LIMIT**2)
+        if much.size == 0:
+            return result
+        deformation = gradient[much] + np.eye(3)
+        finite = np.isfinite(deformation).all(axis=(1, 2))
+        much, deformation = much[finite], deformation[finite]
+        strain = deformation - _rotations(deformation)
+        norm = np.sqrt((strain**2).sum(axis=(1, 2)))
+        too_much = np.maximum(0.0, 1.0 - _STRAIN_LIMIT / np.maximum(norm, _STRAIN_LIMIT))
+        result[much] = too_much[:, None] * np.einsum("nij,nj->ni", strain, way[much])
+        return result
 
 
 def bind(
@@ -305,14 +386,44 @@ def _pack(cells: NDArray[np.int64], extent: NDArray[np.int64]) -> NDArray[np.int
     return key
 
 
-def _trilinear_weights(local: NDArray[np.float64]) -> NDArray[np.float64]:
+def _beyond(local: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far outside the element, of each coordinate, as much of it as counts."""
     limit = _EXTRAPOLATION_LIMIT
-    clamped = np.clip(local, -limit, 1.0 + limit)
-    factors = np.stack([1.0 - clamped, clamped])
+    return np.clip(local - np.clip(local, 0.0, 1.0), -limit, limit)
+
+
+def _weights(local: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Share of each corner, (n, 8): trilinear within the element, linear beyond."""
+    inside = np.clip(local, 0.0, 1.0)
+    factors = np.stack([1.0 - inside, inside])
     weights = np.empty((len(local), 8))
     for corner, (i, j, k) in enumerate(HEX_CORNERS):
         weights[:, corner] = factors[i, :, 0] * factors[j, :, 1] * factors[k, :, 2]
+    beyond = _beyond(local)
+    outside = np.flatnonzero(beyond.any(axis=1))
+    for begin in range(0, len(outside), _CHUNK):
+        chosen = outside[begin : begin + _CHUNK]
+        weights[chosen] += np.matmul(_slopes(inside[chosen]), beyond[chosen, :, None])[:, :, 0]
     return weights
+
+
+def _slopes(inside: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Derivatives of the trilinear shares by the coordinates, (n, 8, 3)."""
+    factors = np.stack([1.0 - inside, inside])
+    slopes = np.empty((len(inside), 8, 3))
+    for corner, (i, j, k) in enumerate(HEX_CORNERS):
+        slopes[:, corner, 0] = (2 * i - 1) * factors[j, :, 1] * factors[k, :, 2]
+        slopes[:, corner, 1] = (2 * j - 1) * factors[i, :, 0] * factors[k, :, 2]
+        slopes[:, corner, 2] = (2 * k - 1) * factors[i, :, 0] * factors[j, :, 1]
+    return slopes
+
+
+def _rotations(deformation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rotation nearest to each of (n, 3, 3), inverted ones among them."""
+    left, _, right = np.linalg.svd(deformation)
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    rotation: NDArray[np.float64] = left @ right
+    return rotation
 
 
 def _follow(distance: NDArray[np.float64], reach: float, fade: float) -> NDArray[np.float64]:

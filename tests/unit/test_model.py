@@ -262,10 +262,51 @@ def test_bound_surface_rests_and_follows_affine_motion():
     points = rng.uniform(low, high, (500, 3))
     surface = BoundSurface.on(model, points, np.zeros((0, 3), int))
     assert (surface.displaced(np.zeros_like(model.nodes)) == points).all()
-    gradient = rng.normal(size=(3, 3))
+    gradient = 0.25 * rng.normal(size=(3, 3))
     near = bind(points, model)[2] < 0.9 * model.voxel.min()
+    assert 0.2 * near.sum() < (surface.distance(model.voxel)[near] > 0).sum()
     expected = points + points @ gradient.T
     assert surface.displaced(model.nodes @ gradient.T)[near] == pytest.approx(expected[near])
+    # Any rotation as well, however far it is from none.
+    turn = trimesh.transformations.rotation_matrix(2.9, [1, 2, -1])[:3, :3]
+    expected = points @ turn.T
+    moved = surface.displaced(model.nodes @ (turn - np.eye(3)).T)
+    assert moved[near] == pytest.approx(expected[near])
+
+
+def test_a_vertex_outside_a_voxel_is_not_drawn_out_with_it():
+    """Ten times sheared at a free edge; the skin beside it turns and stretches, within bounds."""
+    model = Model.block((1, 1, 1), (1, 1, 1), SOFT)
+    points = np.array([[0.5, -0.5, -0.5], [0.5, -0.5, 0.5], [0.5, 0.5, 0.5], [0.5, -3.0, -9.0]])
+    surface = BoundSurface.on(model, points, np.zeros((0, 3), int))
+    shear = np.zeros((3, 3))
+    shear[2, 1] = 10.0
+    moved = surface.displaced(model.nodes @ shear.T)
+    assert moved[2] == pytest.approx([0.5, 0.5, 0.5 + 5.0])
+    edge = np.array([0.5, 0.0, 0.0])  # the nearest place in the voxel, which stays where it is
+    for k, nearest in ((0, edge), (1, np.array([0.5, 0.0, 0.5]))):
+        way, was = np.linalg.norm(moved[k] - nearest), np.linalg.norm(points[k] - nearest)
+        assert 0.5 * was < way < 2.0 * was
+    assert np.abs(moved[3] - points[3]).max() < 4.0
+    # As much as it does without a limit where there is little strain.
+    little = surface.displaced(model.nodes @ (0.05 * shear).T)
+    assert little[:3] == pytest.approx(points[:3] + points[:3] @ (0.05 * shear).T)
+
+
+def test_a_voxel_that_is_not_finite_harms_only_the_skin_on_it():
+    model = Model.block((3, 1, 1), (3, 1, 1), SOFT)
+    points = np.random.default_rng(0).uniform([0, -0.5, -0.5], [3, 1.5, 1.5], (300, 3))
+    surface = BoundSurface.on(model, points, np.zeros((0, 3), int))
+    u = np.random.default_rng(1).normal(0, 2.0, model.nodes.shape)
+    good = surface.displaced(u)
+    assert np.isfinite(good).all()
+    for bad in (np.nan, np.inf):
+        with np.errstate(invalid="ignore"):
+            moved = surface.displaced(np.where(model.nodes[:, :1] > 2.5, bad, u))
+        harmed = surface.element == 2
+        assert 50 < harmed.sum() < 250
+        assert not np.isfinite(moved[harmed]).any()
+        assert np.array_equal(moved[~harmed], good[~harmed])
 
 
 def test_a_far_vertex_is_not_thrown_away_by_extrapolation():

@@ -343,7 +343,7 @@ def test_a_million_vertices_bind_in_seconds():
     start = time.process_time()
     bound = BoundSurface.on(model, points, np.zeros((0, 3), int))
     assert time.process_time() - start < 12
-    gradient = rng.normal(size=(3, 3))
+    gradient = 0.25 * rng.normal(size=(3, 3))
     moved = bound.displaced(model.nodes @ gradient.T)
     near = bind(points, model)[2] < 0.9e-3
     assert near.sum() > 300_000

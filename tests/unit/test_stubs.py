@@ -2,6 +2,8 @@
 
 import ast
 import inspect
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -97,3 +99,9 @@ def test_bases_of_the_errors():
 
 def test_the_package_says_that_it_is_typed():
     assert (PACKAGE / "py.typed").exists()
+
+
+def test_the_compiled_module_alone_does_not_import_numpy():
+    """A default that is an array would: `--help` took three times as long, doctor needed NumPy."""
+    code = "import sys; from tledface import _core; sys.exit('numpy' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -214,8 +214,11 @@ def atlas(shared_data):
 
 
 def test_the_atlas_skin_is_moved_by_the_fat_and_stays_closed(atlas, tmp_path, figure):
-    forehead.write(tmp_path, data=atlas, half=True)
-    before, after = solid(atlas / "derived_skin_closed.ply"), solid(tmp_path / "skin.ply")
+    forehead.write(tmp_path / "draft", data=atlas, half=True)
+    # As the command line does: what is written by the scene is moved with it.
+    folder = (tmp_path / "draft").rename(tmp_path / "scene")
+    assert len(Scene.load(folder / "forehead.toml").muscles) == 3
+    before, after = solid(atlas / "derived_skin_closed.ply"), solid(folder / "skin.ply")
     assert after.report["open_edges"] == after.report["flipped_faces"] == 0
     v = after.vertices
     front = (abs(v[:, 0]) < 0.045) & (v[:, 1] < -0.1) & (v[:, 2] > 1.545) & (v[:, 2] < 1.615)

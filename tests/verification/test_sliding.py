@@ -215,6 +215,54 @@ def test_what_a_zone_is_of_is_nearest_in_it(figure, name):
     figure("distance off brute force, m", worst, at_most=1e-12)
 
 
+@pytest.mark.parametrize("name", ["rough", "saddle", "box"])
+def test_zones_near_some_nodes_are_those_of_the_whole_surface(name):
+    """And of all triangles that the nodes may come to; the others have none."""
+    surface, height = SURFACES[name]
+    rng = np.random.default_rng(6)
+    extent = surface.extents.max()
+    points = surface.vertices[rng.integers(len(surface.vertices))] + rng.normal(
+        0, 0.02 * extent, (40, 3)
+    )
+    margin = 0.1 * extent
+    low, high = surface.triangles.min(axis=1), surface.triangles.max(axis=1)
+    apart = np.maximum(low[:, None] - points, points - high[:, None]).max(axis=2).min(axis=1)
+    reals, zones = _core.surface_zones(surface.vertices, surface.faces, height, points, margin)
+    every, of_all = _core.surface_zones(surface.vertices, surface.faces, height)
+    face = zones[::8]
+    assert (face[apart <= margin] >= 0).all() and (face[apart > 1.25 * margin] < 0).all()
+    assert name == "box" or 0 < (face >= 0).sum() < len(face)
+    unit, unit_of_all = reals.reshape(-1, 8), every.reshape(-1, 8)
+    there = zones >= 0
+    assert there.any() and (of_all[there] >= 0).all()
+    same = dict(zip(zones[there], of_all[there], strict=True)) | {-1: -1}
+    linked = 0
+    for ours, theirs in zip(zones[there], of_all[there], strict=True):
+        groups = -(-int(unit[ours, 0]) // 8)
+        mine, other = unit[ours : ours + 1 + 5 * groups], unit_of_all[theirs:][: 1 + 5 * groups]
+        behind = np.arange(5, 1 + 5 * groups, 5)  # rows of numbers of zones
+        assert np.array_equal(np.delete(mine, behind, 0), np.delete(other, behind, 0))
+        for a, b in zip(mine[behind].ravel(), other[behind].ravel(), strict=True):
+            assert a < 0 or same[int(a)] == b
+            linked += a >= 0
+    assert linked > there.sum() / 2
+
+
+def test_nodes_that_leave_the_zones_made_for_them_keep_their_distance(figure):
+    """A few nodes on a fine surface, dragged twice as far as its zones reach at the start."""
+    surface = trimesh.creation.icosphere(subdivisions=6, radius=20e-3)
+    model, lower = tissue(20e-3, (3, 3, 3))
+    sim, kept = dragged(model, lower, surface, 10e-3, device="native", precision="double")
+    start, end = model.nodes[lower] - FAR, (model.nodes + sim.u)[lower] - FAR
+    # 8 cells of the grid, each as long as a triangle's edges are on average, and a quarter.
+    most = 10 * surface.edges_unique_length.mean()
+    _, zones = _core.surface_zones(surface.vertices, surface.faces, 1e-3, start, most)
+    _, face = _core.brute_force_nearest(surface.vertices, surface.faces, end)
+    assert (zones[::8][face] < 0).all()
+    worst = abs(distances(model, end + FAR) - abs(kept)).max() / H
+    figure("error of the distance over the voxel", worst, at_most=1e-9)
+
+
 @pytest.mark.parametrize("name", ["rough", "box"])
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_kernels_of_a_step_put_nodes_back_as_a_pass_of_its_own_does(executor, name, precision):

@@ -25,6 +25,7 @@ typedef float real;
 thread_local unsigned long current_item = 0;
 inline unsigned long get_global_id(unsigned) { return current_item; }
 inline void prefetch_line(const real*) {}
+inline void prefetch_to_read(const real*) {}
 
 thread_local tledface::native::OperationCounts counts;
 

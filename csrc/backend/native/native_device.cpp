@@ -5,6 +5,7 @@
 #include <sys/mman.h>
 #endif
 
+#include <chrono>
 #include <cstdlib>
 #include <cstring>
 #include <stdexcept>
@@ -172,13 +173,21 @@ class NativeKernel final : public Kernel {
     const std::size_t grain = n_items > 4096 || local_size > 1 ? 256 : 1;
     const auto launch = [&] {
       parallel_for_chunks(n_items, grain, [&](std::size_t begin, std::size_t end) {
+        if (!seconds_ || grain > 1) return entry_.run(args_.data(), begin, end);
+        const auto from = std::chrono::steady_clock::now();
         entry_.run(args_.data(), begin, end);
+        seconds_[begin] =
+            std::chrono::duration<double>(std::chrono::steady_clock::now() - from).count();
       });
     };
     if (active_launch_log())
       logged_launch(entry_.name, launch, [] {});
     else
       launch();
+  }
+  bool time_items(double* seconds) override {
+    seconds_ = seconds;
+    return true;
   }
 
  private:
@@ -190,6 +199,7 @@ class NativeKernel final : public Kernel {
   const KernelEntry& entry_;
   std::vector<KernelArg> args_;
   std::vector<bool> bound_;
+  double* seconds_ = nullptr;
 };
 
 class NativeProgram final : public Program {
@@ -213,6 +223,7 @@ class NativeDevice final : public Device {
   NativeDevice(DeviceInfo info, Tables tables) : info_(std::move(info)), tables_(tables) {}
   const DeviceInfo& info() const override { return info_; }
   bool prefers_vector_rows() const override { return true; }
+  bool times_items() const override { return true; }
   int preferred_lanes(Precision precision) const override { return tables_(precision).lanes; }
   std::unique_ptr<Buffer> allocate(std::size_t bytes) override {
     return std::make_unique<NativeBuffer>(bytes);

@@ -45,6 +45,7 @@ inline realv gather_lanes(const real* p, const int* at) {
   return v;
 }
 inline void prefetch_line(const real* p) { __builtin_prefetch(p, 1); }
+inline void prefetch_to_read(const real* p) { __builtin_prefetch(p, 0); }
 // The lanes of which a is not below b, as bits.
 inline int lanes_not_below(realv a, realv b) {
 #if defined(__AVX512F__)  // the loop below is not recognised

@@ -50,6 +50,8 @@ _SMOOTHING = 8
 def write_atlas(data: Path, folder: Path, fat: float) -> dict[str, Path]:
     """Write ``skin.ply`` and the corrugators; returns the file of each bone and muscle by name.
 
+    Files in ``folder`` are named as seen from there, so that it can be moved.
+
     Arguments: ``data``, folder of the atlas; ``fat``, mm, how far the skin is moved outwards.
     Raises InputError: no such folder, a file that is missing or cannot be read.
     """
@@ -70,7 +72,7 @@ def write_atlas(data: Path, folder: Path, fat: float) -> dict[str, Path]:
     for side in "rl":
         name = f"corrugator_{side}"
         write_surface(folder / f"{name}.ply", *_moved(files[name], _THICKER))
-        files[name] = folder / f"{name}.ply"
+        files[name] = Path(f"{name}.ply")
     return files
 
 

@@ -230,7 +230,8 @@ def read_model(file: h5py.Group) -> Model:
     _read_conditions(model, file)
     model.sliding = read_sliding(file, model.n_nodes)
     model.groups = read_groups(file, model.n_nodes)
-    model.surfaces.update(read_surfaces(file, model.elements))
+    voxel = None if model.is_conforming else model.voxel
+    model.surfaces.update(read_surfaces(file, model.elements, voxel))
     if "report" in file:
         model.report = json.loads(file["report"].asstr()[()])
     return model

@@ -49,8 +49,10 @@ def write_surfaces(surfaces: Mapping[str, BoundSurface], file: h5py.Group) -> No
             _write_polygons(surface.polygons, group.create_group("polygons"))
 
 
-def read_surfaces(file: h5py.Group, elements: NDArray[np.int32]) -> dict[str, BoundSurface]:
-    """Read what `write_surfaces` wrote."""
+def read_surfaces(
+    file: h5py.Group, elements: NDArray[np.int32], voxel: NDArray[np.float64] | None
+) -> dict[str, BoundSurface]:
+    """Read what `write_surfaces` wrote; voxel: (3,) m, None for a conforming mesh."""
     surfaces = {}
     for group in numbered(file, "surfaces"):
         element = group["element"][()]
@@ -68,6 +70,7 @@ def read_surfaces(file: h5py.Group, elements: NDArray[np.int32]) -> dict[str, Bo
             elements[element],
             follow=group["follow"][()] if "follow" in group else None,
             polygons=polygons,
+            voxel=voxel,
         )
     return surfaces
 

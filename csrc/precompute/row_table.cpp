@@ -1,0 +1,99 @@
+#include "precompute/row_table.hpp"
+
+#include <algorithm>
+#include <limits>
+
+#include "precompute/layout.hpp"
+
+namespace tledface {
+namespace {
+
+// A block of nodes without elements costs this much of one with them.
+constexpr double kEmptyBlock = 0.25;
+
+}  // namespace
+
+RowTable make_row_table(const SolverArrays& arrays, const std::vector<std::uint8_t>& levels,
+                        int highest) {
+  const auto is_due = [&](std::int32_t b) { return levels.empty() || int(levels[b]) <= highest; };
+  const auto link = [&](std::int32_t b, int which) {
+    return arrays.blocks[std::size_t(b) * TLED_BLOCK_INTS + which];
+  };
+  RowTable table;
+  std::int32_t lowest = std::numeric_limits<std::int32_t>::max(), last = 0;
+  for (std::int32_t b = 0; b < arrays.n_blocks; ++b) {
+    lowest = std::min(lowest, arrays.block_at[b][1]);
+    last = std::max(last, arrays.block_at[b][1]);
+    table.n_chunks = std::max(table.n_chunks, arrays.block_at[b][0] + 1);
+    table.n_planes = std::max(table.n_planes, link(b, BLOCK_PLANE) + 1);
+  }
+  table.n_y = last - lowest + 1;
+  table.work.assign(table.n_y, 0);
+  const std::size_t n_places = std::size_t(table.n_chunks) * table.n_y;
+  table.row_begin.reserve(n_places + 1);
+  const auto n_runs = [&] { return static_cast<std::int32_t>(table.rows.size() / TLED_RUN); };
+  // Blocks stand chunk by chunk, row by row, as the table does.
+  const auto place_of = [&](std::int32_t b) {
+    return std::size_t(arrays.block_at[b][0]) * table.n_y + (arrays.block_at[b][1] - lowest);
+  };
+  std::int32_t b = 0;
+  for (std::size_t place = 0; place < n_places; ++place) {
+    table.row_begin.push_back(n_runs());
+    // Runs of blocks that are due; what is below a run gives it nothing.
+    bool in_run = false;
+    for (; b < arrays.n_blocks && place_of(b) == place; ++b) {
+      if (!is_due(b)) {
+        in_run = false;
+        continue;
+      }
+      if (!in_run) table.rows.insert(table.rows.end(), {b, 0, 0, 0});
+      in_run = true;
+      ++table.rows[table.rows.size() - TLED_RUN + RUN_BLOCKS];
+      table.work[place % table.n_y] += link(b, BLOCK_MATERIAL) >= 0 ? 1.0 : kEmptyBlock;
+    }
+  }
+  table.row_begin.push_back(n_runs());
+  return table;
+}
+
+RowDealer::RowDealer(const std::vector<double>& work) : sums_(work.size() + 1, 0.0) {
+  for (std::size_t y = 0; y < work.size(); ++y) sums_[y + 1] = sums_[y] + work[y];
+}
+
+double RowDealer::work(std::int32_t begin, std::int32_t end) const {
+  return sums_[end] - sums_[begin > 0 ? begin - 1 : 0];
+}
+
+// How far a band from `begin` on can go; a row at least.
+std::int32_t RowDealer::end_within(std::int32_t begin, double most) const {
+  const double until = sums_[begin > 0 ? begin - 1 : 0] + most;
+  const auto behind = std::upper_bound(sums_.begin() + begin + 2, sums_.end(), until);
+  return static_cast<std::int32_t>(behind - sums_.begin()) - 1;
+}
+
+std::vector<std::int32_t> RowDealer::deal(const std::vector<double>& speeds) const {
+  const std::int32_t n_y = n_rows();
+  const auto n_bands = std::min<std::int32_t>(static_cast<std::int32_t>(speeds.size()), n_y);
+  const auto bands_within = [&](double seconds, std::vector<std::int32_t>* bands) {
+    std::int32_t y = 0;
+    for (std::int32_t band = 0; band < n_bands; ++band) {
+      const std::int32_t begin = y;
+      // Rows are left for the others.
+      y = std::min(end_within(begin, seconds * speeds[band]), n_y - (n_bands - band - 1));
+      if (bands) bands->insert(bands->end(), {begin, band + 1 < n_bands ? y : n_y});
+    }
+    return y == n_y;
+  };
+  double low = 0, high = 0;
+  for (const double speed : speeds) high = std::max(high, sums_.back() / speed);
+  // To a thousandth of what all would take.
+  for (int halving = 0; halving < 30 && high - low > 1e-3 * low; ++halving) {
+    const double middle = 0.5 * (low + high);
+    (bands_within(middle, nullptr) ? high : low) = middle;
+  }
+  std::vector<std::int32_t> bands;
+  bands_within(high, &bands);
+  return bands;
+}
+
+}  // namespace tledface
