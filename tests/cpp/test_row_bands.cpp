@@ -13,6 +13,7 @@
 #include "backend/device.hpp"
 #include "bench/checks.hpp"
 #include "bench/workloads.hpp"
+#include "check.hpp"
 #include "core/threads.hpp"
 #include "precompute/row_table.hpp"
 #include "sim/band_balance.hpp"
@@ -20,16 +21,6 @@
 using namespace tledface;
 
 namespace {
-
-int failures = 0;
-
-#define CHECK(condition)                                                           \
-  do {                                                                             \
-    if (!(condition)) {                                                            \
-      std::fprintf(stderr, "%s:%d: failed: %s\n", __FILE__, __LINE__, #condition); \
-      ++failures;                                                                  \
-    }                                                                              \
-  } while (false)
 
 using Bands = std::vector<std::int32_t>;
 
@@ -206,6 +197,5 @@ int main() {
   test_more_bands_than_rows_are_as_many_as_rows();
   test_bands_follow_their_threads();
   test_moving_bands_change_no_bit();
-  if (failures == 0) std::puts("test_row_bands: every check holds");
-  return failures == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+  return finish("test_row_bands");
 }

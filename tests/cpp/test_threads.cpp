@@ -11,21 +11,12 @@
 #include <thread>
 #include <vector>
 
+#include "check.hpp"
 #include "core/threads.hpp"
 
 using namespace tledface;
 
 namespace {
-
-int failures = 0;
-
-#define CHECK(condition)                                                           \
-  do {                                                                             \
-    if (!(condition)) {                                                            \
-      std::fprintf(stderr, "%s:%d: failed: %s\n", __FILE__, __LINE__, #condition); \
-      ++failures;                                                                  \
-    }                                                                              \
-  } while (false)
 
 bool each_item_runs_once(std::size_t n_items) {
   std::vector<std::atomic<int>> runs(n_items);
@@ -191,6 +182,5 @@ int main() {
   test_calls_from_within_a_body_run_in_its_thread();
   test_errors_pass_through_nested_calls();
   test_callers_in_several_threads();
-  if (failures == 0) std::puts("test_threads: every check holds");
-  return failures == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+  return finish("test_threads");
 }
