@@ -86,9 +86,8 @@ std::vector<std::array<double, 2>> reach_of(const SlidingNodes& given, const Sur
 
 // Of each surface the triangles that nodes may come to, as far as can be said at rest: a quarter of
 // what they take up along its longest side is farther than tissue slides, and 8 cells of the grid
-// for few nodes. Zones take longer to make than a model of a forehead takes for a hundred steps,
-// and the bone is a whole head's; nodes that do get farther are sought, which is slower and no less
-// exact.
+// for few nodes. Zones of all of a head's bone take several seconds to make; nodes that do get
+// farther are sought, which is slower and no less exact.
 std::vector<std::vector<std::uint8_t>> triangles_for(const SlidingNodes& given,
                                                      const std::vector<Vec3>& positions,
                                                      const SurfaceGrids& grids) {
@@ -180,6 +179,14 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   }
   centre_ = 0.5 * (low + high);
   const SurfaceGrids grids = make_surface_grids(given.surfaces, centre_, arrays.order);
+  // As those of the triangles: from the centre, in the solver's axes.
+  std::vector<Vec3> positions;
+  for (const std::int64_t node : given.nodes) {
+    const auto at = model.position(node);
+    Vec3 p;
+    for (int a = 0; a < 3; ++a) p[a] = at[arrays.order[a]] - centre_[arrays.order[a]];
+    positions.push_back(p);
+  }
 
   std::vector<double> regions(n_rows_ * REGION_ROWS * lanes, 0.0);
   std::vector<double> laws(has_laws_ ? n_rows_ * SLIDE_LAWS * lanes : 1, 0.0);
@@ -212,12 +219,10 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
     const std::size_t i = node_at[place];
     const std::int64_t node = given.nodes[i], slot = arrays.node_slot[node];
     put_int(SLIDE_DOF, static_cast<std::int32_t>(slot / lanes * 3 * lanes + slot % lanes));
-    const auto at = model.position(node);
     std::int32_t free = 0;
     for (int a = 0; a < 3; ++a) {
-      put(REGION_PLACE + a, at[arrays.order[a]] - centre_[arrays.order[a]]);
-      records[place * RECORD_REALS + RECORD_PLACE + a] =
-          at[arrays.order[a]] - centre_[arrays.order[a]];
+      put(REGION_PLACE + a, positions[i][a]);
+      records[place * RECORD_REALS + RECORD_PLACE + a] = positions[i][a];
       if (model.fixed[3 * node + arrays.order[a]]) continue;
       free |= 1 << a;
       if (has_laws_) put_law(SLIDE_MAY + a, 1);
@@ -243,13 +248,6 @@ Sliding::Sliding(const SlidingNodes& given, const VoxelModel& model, const Solve
   // A radius of 0: sought at the first step.
   candidate_reals_ = reals(std::vector<double>(n_rows_ * lanes * SLIDE_CANDIDATE_REALS, 0.0));
   triangles_ = reals(grids.triangles);
-  std::vector<Vec3> positions;
-  for (const std::int64_t node : given.nodes) {
-    const auto at = model.position(node);
-    Vec3 p;
-    for (int a = 0; a < 3; ++a) p[a] = at[arrays.order[a]] - centre_[arrays.order[a]];
-    positions.push_back(p);
-  }
   Zones zones = make_zones(grids, reach_of(given, grids), triangles_for(given, positions, grids),
                            rounding_of(precision));
   // Behind the last there is room for the borders of a full one: they are read before their number
