@@ -116,7 +116,6 @@ INLINE void fetch_records(const SlideRow* row, int lanes) {
   for (int left = lanes; left; left &= left - 1)
     prefetch_line(row->records + lowest_bit(left) * RECORD_REALS);
 }
-// Of nodes that crossed the border they were nearest to the zone behind.
 INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
                         __global const real* u) {
   for (int left = lanes; left; left &= left - 1) {
@@ -124,13 +123,10 @@ INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
     __global const real *record = row->records + lane * RECORD_REALS, *at = u + row->dof + lane;
     const Point p = {record[RECORD_PLACE] + at[0], record[RECORD_PLACE + 1] + at[TLED_LANES],
                      record[RECORD_PLACE + 2] + at[2 * TLED_LANES]};
-    int zone = (int)record[RECORD_ZONE];
-    if (inner(point_at(record + RECORD_EXIT), p) > record[RECORD_EXIT + 3])
-      zone = (int)record[RECORD_NEXT];
+    const int zone = zone_to_try(record, p);
     if (zone >= 0) {
       __global const real* in = s->zones + (long)zone * ZONE_UNIT;
       for (int k = 0; k < ZONE_BORDERS + ZONE_GROUP_REALS; k += LINE_REALS) prefetch_line(in + k);
-      prefetch_line(in + ZONE_BORDERS + ZONE_GROUP_REALS - 1);
     } else {
       prefetch_line(record + LINE_REALS);
       __global const real* reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;

@@ -370,13 +370,11 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
     }
   }
   if (face < 0) return 0;  // no number is near anything
-  if (best.feature < 4) {
-    *zone = zone_of(s, zone_of_part(s, node, face, best.feature), p, node->free, left, nearest);
-    if (*zone >= 0) {
-      const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_UNIT, p);
-      write_node_shape(node, shape);
-      return shape.round != R(0.0);
-    }
+  *zone = zone_of(s, zone_of_part(s, node, face, best.feature), p, node->free, left, nearest);
+  if (*zone >= 0) {
+    const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_UNIT, p);
+    write_node_shape(node, shape);
+    return shape.round != R(0.0);
   }
   __global const real* triangle = s->triangles + (long)face * TRIANGLE_REALS;
   Region region;
@@ -461,7 +459,7 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
   if (is_lost(p)) return 0;
   const int before = (int)record[RECORD_ZONE];
   real left = R(0.0);
-  int nearest = 0, now = zone_of(s, before, p, node->free, &left, &nearest), round;
+  int nearest = 0, now = zone_of(s, zone_to_try(record, p), p, node->free, &left, &nearest), round;
   if (now >= 0) {
     __global const real* in = s->zones + (long)now * ZONE_UNIT;
     round = in[ZONE_ROUND] != R(0.0);

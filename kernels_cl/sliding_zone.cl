@@ -38,6 +38,14 @@ INLINE int stays_in(__global const real* zone, int free) {
   return free == 7 || zone[ZONE_ROUND] == R(0.0);
 }
 
+// The zone that a node is tried in first: where it was, or behind the border it was nearest to, if it has
+// crossed that.
+INLINE int zone_to_try(__global const real* record, Point p) {
+  const int has_crossed = inner(point_at(record + RECORD_EXIT), p) >= record[RECORD_EXIT + 3];
+  const real zone = record[has_crossed && record[RECORD_NEXT] >= R(0.0) ? RECORD_NEXT : RECORD_ZONE];
+  return (int)zone;
+}
+
 // Distance from a place to the nearest border of a zone, and its number; not above 0 outside.
 INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
   realg left = group_of(NO_BORDER), number = group_of(R(0.0));
