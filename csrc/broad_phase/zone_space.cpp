@@ -47,8 +47,7 @@ const Turns& turns() {
   static const Turns all = [] {
     Turns made;
     for (std::size_t turn = 0; turn < kTurns; ++turn) {
-      const double angle =
-          (turn % 2 ? -kTurn : kTurn) * static_cast<double>((turn + 1) / 2);
+      const double angle = (turn % 2 ? -kTurn : kTurn) * static_cast<double>((turn + 1) / 2);
       made[turn] = {std::cos(angle), std::sin(angle)};
     }
     return made;

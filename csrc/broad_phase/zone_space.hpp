@@ -1,5 +1,5 @@
-// A zone in the making (zones.hpp): convex, shrunk until nothing else of the surface can be nearer in it
-// than what it is of.
+// A zone in the making (zones.hpp): convex, shrunk until nothing else of the surface can be nearer
+// in it than what it is of.
 #pragma once
 #include <cstdint>
 #include <vector>
@@ -24,16 +24,16 @@ int shared_side(const ZoneTriangle& a, const ZoneTriangle& b);
 // In the plane of t, from side k to the third corner.
 Vec3 inwards(const ZoneTriangle& t, int k);
 
-// What is behind: the zone of a side's edge or of a corner (3 triangle + number in it), where it has one,
-// else that of a triangle; -1: none.
+// What is behind: the zone of a side's edge or of a corner (3 triangle + number in it), where it
+// has one, else that of a triangle; -1: none.
 struct ZoneBorder {
   Vec3 outward;
   double limit = kFarOff;
   std::int32_t triangle = -1, side = -1, corner = -1;
 };
 
-// rise: a linear bound of the distance from the zone's part, rise . (x - on), which is none less than that.
-// vertices: of what its own borders leave; samples: places in it, the first amid it.
+// rise: a linear bound of the distance from the zone's part, rise . (x - on), which is none less
+// than that. vertices: of what its own borders leave; samples: places in it, the first amid it.
 struct ZoneSpace {
   Vec3 on, rise;
   std::vector<Vec3> vertices, samples;

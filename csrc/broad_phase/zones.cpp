@@ -16,13 +16,13 @@ constexpr std::size_t kZoneReals = ZONE_BORDERS + ZONE_BORDER_REALS * ZONE_MOST_
 
 // Faces at a smaller angle than this, rad, are one plane.
 constexpr double kFlat = 1e-7;
-// Of an edge sharper than this cosine of half the angle between its normals there is no zone, nor of a
-// corner whose cone is as wide.
+// Of an edge sharper than this cosine of half the angle between its normals there is no zone, nor
+// of a corner whose cone is as wide.
 constexpr double kSharp = 0.2;
 // Part of the surface's longest side here within which an edge is too near for a direction from it.
 constexpr double kTooNear = 1e-5;
-// Triangles, edges or corners that a thread takes at a time: enough for what it keeps of all triangles
-// (Found).
+// Triangles, edges or corners that a thread takes at a time: enough for what it keeps of all
+// triangles (Found).
 constexpr std::size_t kChunk = 512;
 // Numbers below it are floats.
 constexpr std::int32_t kMostNumber = 1 << 24;
@@ -191,8 +191,8 @@ class SideZones {
   }
   bool is_convex(std::int32_t t, int k) const { return rise_behind(t, k) < 0; }
 
-  // Corners of the triangles that zones are wanted of, on this side of which there are places that are
-  // nearest to them; none at a rim.
+  // Corners of the triangles that zones are wanted of, on this side of which there are places that
+  // are nearest to them; none at a rim.
   std::vector<Corner> corners_with_room() const {
     std::vector<Vec3> places;
     for (const std::int32_t t : wanted_)
@@ -203,7 +203,8 @@ class SideZones {
     for (std::int32_t corner = 0; corner < 3 * n_; ++corner) {
       const Vec3& at = triangles_[corner / 3].corner[corner % 3];
       const auto place = std::lower_bound(places.begin(), places.end(), at);
-      if (place != places.end() && *place == at) corners[place - places.begin()].of.push_back(corner);
+      if (place != places.end() && *place == at)
+        corners[place - places.begin()].of.push_back(corner);
     }
     parallel_for_chunks(corners.size(), kChunk, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) {
@@ -349,13 +350,12 @@ class SideZones {
     ZoneSpace space;
     space.on = a;
     space.rise = (1 / cosine) * middle;
-    space.borders = {
-        {in0, dot(in0, a), e.triangle},
-        {in1, dot(in1, a), e.other},
-        {-1.0 * along, -dot(along, a), -1, -1, 3 * e.triangle + e.side},
-        {along, dot(along, b), -1, -1, 3 * e.triangle + (e.side + 1) % 3},
-        {middle, dot(middle, a) + reach_},
-        {-1.0 * middle, -dot(middle, a) - kTooNear * std::max(t0.radius, t1.radius)}};
+    space.borders = {{in0, dot(in0, a), e.triangle},
+                     {in1, dot(in1, a), e.other},
+                     {-1.0 * along, -dot(along, a), -1, -1, 3 * e.triangle + e.side},
+                     {along, dot(along, b), -1, -1, 3 * e.triangle + (e.side + 1) % 3},
+                     {middle, dot(middle, a) + reach_},
+                     {-1.0 * middle, -dot(middle, a) - kTooNear * std::max(t0.radius, t1.radius)}};
     space.samples = {0.5 * (a + b) + reach_ * middle};
     for (const Vec3& end : {a, b}) {
       space.vertices.push_back(end);
@@ -398,8 +398,7 @@ class SideZones {
     for (const std::int32_t other : near(c.at, c.at, 2 * reach_ / cosine, found)) {
       const ZoneTriangle& t = triangles_[other];
       bool is_apart = !std::count(t.corner, t.corner + 3, c.at), is_below = true;
-      for (const Vec3& ray : cone.rays)
-        is_below = is_below && is_behind(t, ray, c.at, rounding_);
+      for (const Vec3& ray : cone.rays) is_below = is_below && is_behind(t, ray, c.at, rounding_);
       if (is_apart && !is_below) space.keep_off(t, other, rounding_);
     }
     return space;

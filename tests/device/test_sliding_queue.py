@@ -104,7 +104,7 @@ def test_nodes_pass_over_edges_and_a_corner(oclgrind, tmp_path, held):  # noqa: 
     u = displacement(tmp_path, "tile", *steps, **under(oclgrind, log))
     assert not log.exists() or log.read_text() == ""
     expected = displacement(tmp_path, "rows", *steps)
-    assert abs(expected).max() > 1e-3
+    assert abs(expected).max() > (1e-3 if held == "free" else 0.5e-3)
     assert abs(u - expected).max() < 1e-5 * abs(expected).max()
 
 

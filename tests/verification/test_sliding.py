@@ -172,7 +172,7 @@ def test_search_finds_what_brute_force_finds(executor, figure, name):
         )
 
 
-# As kernels_cl/sliding_layout.cl has them: reals a zone is counted in, of its head; borders a group.
+# As kernels_cl/sliding_layout.cl has them: reals zones are counted in, of a head; borders a group.
 UNIT, HEAD, GROUP = 16, 8, 8
 # Zones of a triangle: of its face, edges and corners before it, then behind it.
 PARTS = 14
