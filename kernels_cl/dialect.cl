@@ -20,17 +20,20 @@ typedef float real;
 #endif
 #define R(x) ((real)(x))
 
-// A line of memory that is soon read and written, or only read. OpenCL C's own prefetch is empty on
+// A line of memory that is soon read and written, or only read; or only read and not yet wanted in the first
+// cache. OpenCL C's own prefetch is empty on
 // CPUs.
 #if TLED_VECTOR_ROWS && defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
 #define prefetch_line(p) __builtin_prefetch((const void*)(size_t)(p), 1)
 #define prefetch_to_read(p) __builtin_prefetch((const void*)(size_t)(p), 0)
+#define prefetch_to_second(p) __builtin_prefetch((const void*)(size_t)(p), 0, 2)
 #endif
 #endif
 #ifndef prefetch_line
 #define prefetch_line(p) (void)(p)
 #define prefetch_to_read(p) (void)(p)
+#define prefetch_to_second(p) (void)(p)
 #endif
 
 // Rows load an element's upper face while the element below is still at work, and do two blocks one
@@ -47,6 +50,7 @@ INLINE realg group_of(real x) { return x; }
 INLINE realg load_group(__global const real* p) { return *p; }
 INLINE realg numbers_from(int first) { return (real)first; }
 INLINE real least_of(realg v) { return v; }
+INLINE int first_place_of(realg v, real x) { return 0; }
 
 typedef real realv;
 INLINE realv broadcast(real x) { return x; }
@@ -79,6 +83,10 @@ INLINE real least_of(realg v) {
   v = min(v, v.s45670123);
   v = min(v, v.s23016745);
   return min(v.s0, v.s1);
+}
+// The first of the places where v is x; the last where it is nowhere.
+INLINE int first_place_of(realg v, real x) {
+  return (int)least_of(v == (realg)(x) ? numbers_from(0) : (realg)(R(7.0)));
 }
 INLINE realv broadcast(real x) { return (realv)(x); }
 INLINE realv load_lanes(__global const real* p) { return *(__global const realv*)p; }

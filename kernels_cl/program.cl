@@ -23,6 +23,7 @@
 #include "sliding_search.cl"
 #include "sliding_zone.cl"
 #include "sliding_region.cl"
+#include "sliding_look.cl"
 #include "sliding_plane.cl"
 #include "sliding.cl"
 #include "row_element.cl"

@@ -103,8 +103,7 @@ INLINE Points lanes_seen(const SlideRow* row, Points u) {
 }
 
 #if TLED_VECTOR_ROWS
-// What a row needs is on its way to the cache: what every step reads of it, what a look at it reads, and
-// the zones of its nodes that left theirs.
+// What a row needs is on its way to the cache: what every step reads of it, and what a look reads.
 INLINE void fetch_row(const SlideRow* row) {
   for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS) prefetch_line(row->rows + k);
 }
@@ -112,33 +111,20 @@ INLINE void fetch_nodes(const SlideRow* row, __global const real* u) {
   for (int k = 0; k < 3 * TLED_LANES; k += LINE_REALS) prefetch_line(u + row->dof + k);
   prefetch_line(u + row->dof + 3 * TLED_LANES - 1);
 }
-INLINE void fetch_records(const SlideRow* row, int lanes) {
-  for (int left = lanes; left; left &= left - 1)
-    prefetch_line(row->records + lowest_bit(left) * RECORD_REALS);
-}
-// Of nodes that crossed the border they were nearest to the zone behind.
-INLINE void fetch_zones(const SlideRow* row, const SlideSurfaces* s, int lanes,
-                        __global const real* u) {
-  for (int left = lanes; left; left &= left - 1) {
-    const int lane = lowest_bit(left);
-    __global const real *record = row->records + lane * RECORD_REALS, *at = u + row->dof + lane;
-    const Point p = {record[RECORD_PLACE] + at[0], record[RECORD_PLACE + 1] + at[TLED_LANES],
-                     record[RECORD_PLACE + 2] + at[2 * TLED_LANES]};
-    int zone = (int)record[RECORD_ZONE];
-    if (inner(point_at(record + RECORD_EXIT), p) > record[RECORD_EXIT + 3])
-      zone = (int)record[RECORD_NEXT];
-    if (zone >= 0) {
-      __global const real* in = s->zones + (long)zone * ZONE_UNIT;
-      for (int k = 0; k < ZONE_BORDERS + ZONE_GROUP_REALS; k += LINE_REALS) prefetch_line(in + k);
-      prefetch_line(in + ZONE_BORDERS + ZONE_GROUP_REALS - 1);
-    } else {
-      prefetch_line(record + LINE_REALS);
-      __global const real* reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;
-      __global const int* candidates = row->candidates + lane * SLIDE_CANDIDATES;
-      prefetch_line(reals);
-      prefetch_line((__global const real*)candidates);
-      prefetch_line((__global const real*)(candidates + LINE_REALS));
-    }
+// The zone that a look at a node at displacement u tries first; where it has none, its candidates.
+INLINE void fetch_zone(const SlideRow* row, const SlideSurfaces* s, int lane, Point u) {
+  __global const real* record = row->records + lane * RECORD_REALS;
+  const int zone = zone_to_try(record, place_of(record, u));
+  if (zone >= 0) {
+    __global const real* in = s->zones + (long)zone * ZONE_UNIT;
+    for (int k = 0; k < ZONE_BORDERS + ZONE_GROUP_REALS; k += LINE_REALS) prefetch_to_read(in + k);
+  } else {
+    prefetch_line(record + LINE_REALS);
+    __global const real* reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;
+    __global const int* candidates = row->candidates + lane * SLIDE_CANDIDATES;
+    prefetch_line(reals);
+    prefetch_line((__global const real*)candidates);
+    prefetch_line((__global const real*)(candidates + LINE_REALS));
   }
 }
 #endif

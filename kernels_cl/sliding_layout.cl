@@ -74,12 +74,12 @@
 #define TRIANGLE_BALL 30    // 4: a ball that holds it: centre, radius
 
 // zones[zone * ZONE_UNIT + ...] (sliding_zone.cl): as many units as its borders need; and triangle_zones[triangle * TRIANGLE_ZONES + ...]:
-// of nodes before it the face's and those of edges 0-1, 1-2, 2-0, then of nodes behind it; -1: none.
-#define ZONE_UNIT 8
+// of nodes before it the face's, those of edges 0-1, 1-2, 2-0 and of corners, then of nodes behind it; -1: none.
+#define ZONE_UNIT 16
 #define ZONE_COUNT 0      // of borders
 #define ZONE_ROUND 1      // as REGION_ROUND
-#define ZONE_ON 2         // 3: a corner of the face, an end of the edge
-#define ZONE_DIRECTION 5  // 3: normal of the face, direction of the edge
+#define ZONE_ON 2         // 3: a corner of the face, an end of the edge, the corner
+#define ZONE_DIRECTION 5  // 3: normal of the face, direction of the edge, of a corner 0
 #define ZONE_BORDERS 8    // groups of ZONE_GROUP borders, each of ZONE_BORDER_REALS rows:
 #define ZONE_BORDER_REALS 5  // unit normal, outward; limit, m; number of the zone behind, -1: none is known
 #define ZONE_GROUP 8
@@ -88,7 +88,7 @@
 // Where the first real of border k stands; the others follow ZONE_GROUP apart. Places of a group without
 // border have a limit that nothing comes near.
 #define ZONE_BORDER_AT(k) (ZONE_BORDERS + (k) / ZONE_GROUP * ZONE_GROUP_REALS + (k) % ZONE_GROUP)
-#define TRIANGLE_ZONES 8
+#define TRIANGLE_ZONES 14
 
 // grids[surface * GRID_INTS + ...], grid_reals[surface * GRID_REALS + ...]
 #define GRID_INTS 4  // cells along x, y, z; first of its entries of cell_begin

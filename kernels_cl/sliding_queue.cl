@@ -181,9 +181,7 @@ INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
     found = nearest_candidate(s, node, p, w, item);
     sought = 1;
     guess = -1;
-    zone = found.face >= 0 && found.nearest.feature < 4
-               ? zone_of_part(s, node, found.face, found.nearest.feature)
-               : -1;
+    zone = found.face < 0 ? -1 : zone_of_part(s, node, found.face, found.nearest.feature);
   }
   SlideShape shape;
   int round = node->row_shape >> (node->lane + 1) & 1, is_new = sought || now != before;

@@ -370,13 +370,11 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
     }
   }
   if (face < 0) return 0;  // no number is near anything
-  if (best.feature < 4) {
-    *zone = zone_of(s, zone_of_part(s, node, face, best.feature), p, node->free, left, nearest);
-    if (*zone >= 0) {
-      const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_UNIT, p);
-      write_node_shape(node, shape);
-      return shape.round != R(0.0);
-    }
+  *zone = zone_of(s, zone_of_part(s, node, face, best.feature), p, node->free, left, nearest);
+  if (*zone >= 0) {
+    const SlideShape shape = shape_of_zone(s->zones + (long)*zone * ZONE_UNIT, p);
+    write_node_shape(node, shape);
+    return shape.round != R(0.0);
   }
   __global const real* triangle = s->triangles + (long)face * TRIANGLE_REALS;
   Region region;
@@ -413,67 +411,4 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
   *left = write_region(&region, &foot, u, node->record);
   write_node_shape(node, shape_of_foot(&foot));
   return foot.round != R(0.0);
-}
-
-// How far a node is in its own region; not above 0 outside.
-INLINE real left_in_region(__global const real* record, Point u) {
-  const Point way = minus(u, point_at(record + RECORD_ANCHOR));
-  real left = record[RECORD_RADIUS] - square_root_of(inner(way, way));
-  for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    __global const real* border = record + RECORD_BORDERS + 4 * k;
-    const real to = border[3] - inner(point_at(border), u);
-    left = to < left ? to : left;
-  }
-  return left;
-}
-
-// A state that has run away is for the watch to report, not to be sought for.
-INLINE int is_lost(Point p) { return !(inner(p, p) < LOST * LOST); }
-
-// What is known of a node at displacement u, at p, after a look: its zone `now` and how far that
-// holds, of `now` >= 0 to its border `nearest`, and the ball in it.
-INLINE void write_look(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int now,
-                       int nearest, real left, real ball) {
-  __global real* record = node->record;
-  record[RECORD_ZONE] = (real)now;
-  Point middle = u;
-  if (now >= 0) {
-    __global const real* zone = s->zones + (long)now * ZONE_UNIT;
-    middle = plus_scaled(u, left - ball, border_normal(zone, nearest));
-    // A little less, for rounding.
-    left = R(0.99999) * ball - FLAT * square_root_of(inner(p, p));
-    __global const real* border = zone + ZONE_BORDER_AT(nearest);
-    for (int k = 0; k < 4; ++k) record[RECORD_EXIT + k] = border[k * ZONE_GROUP];
-    record[RECORD_NEXT] = border[4 * ZONE_GROUP];
-  } else {
-    record[RECORD_NEXT] = R(-1.0);
-  }
-  const real values[4] = {middle.x, middle.y, middle.z, left > R(0.0) ? left : R(0.0)};
-  for (int k = 0; k < 4; ++k) node->rows[(SLIDE_SEEN + k) * TLED_LANES] = values[k];
-}
-
-// Looks at a node at displacement u that may have left its zone or region. The result says whether
-// it is on an edge or corner.
-OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Point u) {
-  __global real* record = node->record;
-  const Point X = point_at(record + RECORD_PLACE);
-  const Point p = {X.x + u.x, X.y + u.y, X.z + u.z};
-  if (is_lost(p)) return 0;
-  const int before = (int)record[RECORD_ZONE];
-  real left = R(0.0);
-  int nearest = 0, now = zone_of(s, before, p, node->free, &left, &nearest), round;
-  if (now >= 0) {
-    __global const real* in = s->zones + (long)now * ZONE_UNIT;
-    round = in[ZONE_ROUND] != R(0.0);
-    if (now != before)
-      write_node_shape(node, shape_of_zone(in, p));
-  } else {
-    left = before < 0 ? left_in_region(record, u) : R(0.0);
-    round = node->row_shape >> (node->lane + 1) & 1;
-    if (!(left > R(0.0))) round = find_surface(s, node, u, p, &now, &left, &nearest);
-  }
-  const real ball =
-      now >= 0 ? ball_in_zone(s->zones + (long)now * ZONE_UNIT, p, nearest, left) : R(0.0);
-  write_look(s, node, u, p, now, nearest, left, ball);
-  return round;
 }

@@ -38,18 +38,28 @@ INLINE int stays_in(__global const real* zone, int free) {
   return free == 7 || zone[ZONE_ROUND] == R(0.0);
 }
 
+// The zone that a node is tried in first: where it was, or behind the border it was nearest to, if it has
+// crossed that.
+INLINE int zone_to_try(__global const real* record, Point p) {
+  const int has_crossed = inner(point_at(record + RECORD_EXIT), p) >= record[RECORD_EXIT + 3];
+  const real zone = record[has_crossed && record[RECORD_NEXT] >= R(0.0) ? RECORD_NEXT : RECORD_ZONE];
+  return (int)zone;
+}
+
 // Distance from a place to the nearest border of a zone, and its number; not above 0 outside.
 INLINE real left_in_zone(__global const real* zone, Point p, int* nearest) {
-  realg left = group_of(NO_BORDER), number = group_of(R(0.0));
+  const realg to = ahead_of(borders_at(zone + ZONE_BORDERS), p);
+  real left = least_of(to);
+  *nearest = first_place_of(to, left);
   const int count = (int)zone[ZONE_COUNT];
-  for (int k = 0; k < count; k += GROUP_LANES) {
-    const realg to = ahead_of(borders_at(zone + ZONE_BORDER_AT(k)), p);
-    number = to < left ? numbers_from(k) : number;
-    left = to < left ? to : left;
+  for (int k = GROUP_LANES; k < count; k += GROUP_LANES) {
+    const realg others = ahead_of(borders_at(zone + ZONE_BORDER_AT(k)), p);
+    const real least = least_of(others);
+    if (!(least < left)) continue;
+    left = least;
+    *nearest = k + first_place_of(others, least);
   }
-  const real least = least_of(left);
-  *nearest = (int)least_of(left == group_of(least) ? number : group_of(R(ZONE_MOST_BORDERS - 1)));
-  return least;
+  return left;
 }
 
 // The zone of a place from the one it was in on, how far that holds and the nearest border; -1: to be

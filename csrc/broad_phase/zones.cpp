@@ -3,9 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "broad_phase/corner_cone.hpp"
 #include "broad_phase/sliding_layout.hpp"
+#include "broad_phase/zone_space.hpp"
 #include "core/threads.hpp"
-#include "mesh/vec3.hpp"
 
 namespace tledface {
 namespace {
@@ -15,154 +16,35 @@ constexpr std::size_t kZoneReals = ZONE_BORDERS + ZONE_BORDER_REALS * ZONE_MOST_
 
 // Faces at a smaller angle than this, rad, are one plane.
 constexpr double kFlat = 1e-7;
-// Of an edge sharper than this cosine of half the angle between its normals there is no zone.
+// Of an edge sharper than this cosine of half the angle between its normals there is no zone, nor
+// of a corner whose cone is as wide.
 constexpr double kSharp = 0.2;
 // Part of the surface's longest side here within which an edge is too near for a direction from it.
 constexpr double kTooNear = 1e-5;
-// Part of a zone that may be cut off: no plane is sought further.
-constexpr double kLittle = 0.01;
-// Directions in which planes are tilted, and the angle between them, rad.
-constexpr int kTurns = 12;
-constexpr double kTurn = 0.2;
-constexpr double kFar = 1e30;
-// Triangles or edges that a thread takes at a time: enough for what it keeps of all triangles
-// (Found).
+// Triangles, edges or corners that a thread takes at a time: enough for what it keeps of all
+// triangles (Found).
 constexpr std::size_t kChunk = 512;
 // Numbers below it are floats.
 constexpr std::int32_t kMostNumber = 1 << 24;
 
-struct Triangle {
-  Vec3 corner[3], normal, middle;
-  double radius;
-};
-
-Triangle triangle_at(const double* reals) {
-  const auto vec = [&](int k) { return Vec3{reals[k], reals[k + 1], reals[k + 2]}; };
-  return {
-      {vec(0), vec(3), vec(6)}, vec(TRIANGLE_NORMAL), vec(TRIANGLE_BALL), reals[TRIANGLE_BALL + 3]};
-}
-
-Vec3 closest_on_side(const Vec3& p, const Vec3& a, const Vec3& b) {
-  const Vec3 along = b - a;
-  return a + std::clamp(dot(p - a, along) / norm2(along), 0.0, 1.0) * along;
-}
-
-Vec3 closest(const Vec3& p, const Triangle& t) {
-  const Vec3 foot = p - dot(t.normal, p - t.corner[0]) * t.normal;
-  Vec3 best = foot;
-  double least = kFar;
-  for (int k = 0; k < 3; ++k) {
-    const Vec3 &a = t.corner[k], &b = t.corner[(k + 1) % 3], &c = t.corner[(k + 2) % 3];
-    const Vec3 across = cross(t.normal, b - a);
-    if (dot(across, foot - a) * dot(across, c - a) >= 0) continue;
-    const Vec3 q = closest_on_side(p, a, b);
-    if (norm2(p - q) < least) {
-      least = norm2(p - q);
-      best = q;
-    }
-  }
-  return best;
-}
-
-struct Border {
-  Vec3 outward;
-  double limit = kFar;
-  std::int32_t behind = -1;  // the zone or, until they are numbered, the triangle there
-};
-
-// A zone in the making: what its own borders leave, and a linear bound of the distance from its
-// part, rise . (x - on), which is none less than that.
-struct Space {
-  Vec3 on, rise;
-  std::vector<Vec3> vertices, samples;
-  std::vector<Border> borders;
-};
-
-// What keeps `other` farther than a zone's own part: nothing, or a border. A plane that has the
-// other behind it tells how far that is at least, so planes are tried until one leaves the zone
-// whole, else the one that leaves most of its width is taken (a zone over an edge is long and thin:
-// what is little along it is all of it across): the other's own, those that tilt as little as they
-// may about its nearest corner, in several directions, and those across ways to it.
-void keep_off(Space& space, const Triangle& other, std::int32_t number, double rounding) {
-  const Vec3 amid = space.samples.front(), up = unit(space.rise);
-  Vec3 best;
-  double kept = -kFar, lift = 0;
-  const auto try_plane = [&](const Vec3& n, const Vec3& q) {
-    double least = kFar, most = -kFar;
-    for (const Vec3& v : space.vertices) {
-      const double ahead = dot(n, v - q) - dot(space.rise, v - space.on);
-      least = std::min(least, ahead);
-      most = std::max(most, ahead);
-    }
-    if (least >= -rounding) return true;
-    if (most > least && norm(n - space.rise) > kFlat && most / (most - least) > kept) {
-      kept = most / (most - least);
-      best = n;
-      lift = dot(n, q);
-    }
-    return false;
-  };
-  const double side = dot(other.normal, amid - other.corner[0]) < 0 ? -1.0 : 1.0;
-  if (try_plane(side * other.normal, other.corner[0])) return;
-  const Vec3 pivot = *std::min_element(
-      other.corner, other.corner + 3,
-      [&](const Vec3& a, const Vec3& b) { return norm2(a - amid) < norm2(b - amid); });
-  const Vec3 away = unit(amid - pivot - dot(amid - pivot, up) * up), across = cross(up, away);
-  for (int turn = 0; turn < kTurns; ++turn) {
-    const double angle = (turn % 2 ? -kTurn : kTurn) * ((turn + 1) / 2);
-    const Vec3 e = std::cos(angle) * away + std::sin(angle) * across;
-    double tilt = 0;
-    bool can = true;
-    for (const Vec3& y : other.corner) {
-      const double height = dot(up, y - pivot), off = -dot(e, y - pivot);
-      if (height > 0) can = can && off > 0;
-      if (height > 0 && off > 0) tilt = std::max(tilt, height / off);
-    }
-    const Vec3 n = unit(up + tilt * e);
-    if (!can || tilt == 0) continue;
-    for (const Vec3& y : other.corner) can = can && dot(n, y - pivot) <= 0.1 * rounding;
-    if (can && try_plane(n, pivot)) return;
-  }
-  for (const Vec3& p : space.samples) {
-    if (kept > 1 - kLittle) break;
-    const Vec3 q = closest(p, other), way = p - q;
-    if (norm(way) > rounding && try_plane(unit(way), q)) return;
-  }
-  if (!(kept > -kFar)) {  // nearer everywhere
-    space.borders.push_back({space.rise, -kFar, -1});
-    return;
-  }
-  const Vec3 out = space.rise - best;
-  const double length = norm(out);
-  space.borders.push_back(
-      {(1 / length) * out, (dot(space.rise, space.on) - lift) / length, number});
-}
-
-bool is_behind(const Triangle& other, const Vec3& up, const Vec3& on, double rounding) {
+bool is_behind(const ZoneTriangle& other, const Vec3& up, const Vec3& on, double rounding) {
   for (const Vec3& v : other.corner)
     if (dot(up, v - on) > rounding) return false;
   return true;
 }
 
-// The side that two triangles share: its number in the first, -1: none.
-int shared_side(const Triangle& a, const Triangle& b) {
-  bool has[3];
-  for (int k = 0; k < 3; ++k)
-    has[k] = a.corner[k] == b.corner[0] || a.corner[k] == b.corner[1] || a.corner[k] == b.corner[2];
-  for (int k = 0; k < 3; ++k)
-    if (has[k] && has[(k + 1) % 3] && !has[(k + 2) % 3]) return k;
-  return -1;
-}
-
-// In the plane of t, from side k to the third corner.
-Vec3 inwards(const Triangle& t, int k) {
-  const Vec3 in = unit(cross(t.normal, t.corner[(k + 1) % 3] - t.corner[k]));
-  return dot(in, t.corner[(k + 2) % 3] - t.corner[k]) < 0 ? -1.0 * in : in;
-}
-
 struct Edge {
   std::int32_t triangle, other;
   int side, other_side;
+};
+
+// A corner and the triangles about it: 3 triangle + number of the corner in it.
+struct Corner {
+  Vec3 at;
+  std::vector<std::int32_t> of;
+  CornerCone cone;
+  std::vector<std::int32_t> sides;  // 3 triangle + side, along each of the cone's bounds
+  std::vector<Vec3> ways;           // directions of these
 };
 
 // Which triangles a search has found already: they are in several cells.
@@ -202,7 +84,7 @@ class SideZones {
     double extent = 0;
     for (std::int32_t t = 0; t < n_; ++t) {
       triangles_.push_back(
-          triangle_at(surfaces.triangles.data() + std::size_t(first_ + t) * TRIANGLE_REALS));
+          zone_triangle(surfaces.triangles.data() + std::size_t(first_ + t) * TRIANGLE_REALS));
       extent = std::max(extent, norm(triangles_.back().middle));
     }
     rounding_ = rounding * (extent + reach);
@@ -218,7 +100,7 @@ class SideZones {
     base_ = static_cast<std::int32_t>(zones_.reals.size() / kZoneReals);
     neighbour_.assign(3 * std::size_t(n_), -1);
     const std::size_t n_faces = wanted_.size();
-    std::vector<Space> faces(n_faces);
+    std::vector<ZoneSpace> faces(n_faces);
     parallel_for_chunks(n_faces, kChunk, [&](std::size_t begin, std::size_t end) {
       Found found(n_);
       for (std::size_t i = begin; i < end; ++i) faces[i] = face(wanted_[i], found);
@@ -235,41 +117,52 @@ class SideZones {
             base_ + static_cast<std::int32_t>(n_faces + edges.size());
         edges.push_back({t, other, k, back});
       }
-    const std::size_t count = n_faces + edges.size();
+    const std::vector<Corner> corners = corners_with_room();
+    std::vector<std::int32_t> zone_of_corner(3 * std::size_t(n_), -1);
+    for (std::size_t i = 0; i < corners.size(); ++i)
+      for (const std::int32_t corner : corners[i].of)
+        zone_of_corner[corner] = base_ + static_cast<std::int32_t>(n_faces + edges.size() + i);
+    const std::size_t n_lines = n_faces + edges.size(), count = n_lines + corners.size();
     zones_.reals.resize((base_ + count) * kZoneReals, 0.0);
     parallel_for_chunks(count, kChunk, [&](std::size_t begin, std::size_t end) {
       Found found(n_);
       for (std::size_t z = begin; z < end; ++z) {
-        const bool is_face = z < n_faces;
-        Space space = is_face ? std::move(faces[z]) : edge(edges[z - n_faces], found);
+        ZoneSpace space = z < n_faces   ? std::move(faces[z])
+                          : z < n_lines ? edge(edges[z - n_faces], found)
+                                        : corner(corners[z - n_lines], found);
         double* reals = &zones_.reals[(base_ + z) * kZoneReals];
         const auto put = [&](int at, const Vec3& v) {
           for (int a = 0; a < 3; ++a) reals[at + a] = v[a];
         };
         // Where there is no room for what bounds it, nothing is in it.
-        if (space.borders.size() > ZONE_MOST_BORDERS) space.borders = {{space.rise, -kFar, -1}};
+        if (space.borders.size() > ZONE_MOST_BORDERS) space.close();
         reals[ZONE_COUNT] = static_cast<double>(space.borders.size());
         for (std::size_t k = 0; k < space.borders.size(); ++k) {
-          const Border& border = space.borders[k];
+          const ZoneBorder& border = space.borders[k];
           const int at = ZONE_BORDERS + static_cast<int>(k) * ZONE_BORDER_REALS;
           put(at, border.outward);
           reals[at + 3] = border.limit;
-          const std::int32_t face = border.behind < 0 ? -1 : number_[border.behind];
-          std::int32_t behind = face < 0 ? -1 : base_ + face;
-          if (is_face && k < 3 && zone_of_side[3 * std::size_t(wanted_[z]) + k] >= 0)
-            behind = zone_of_side[3 * std::size_t(wanted_[z]) + k];
+          std::int32_t behind = border.side >= 0     ? zone_of_side[border.side]
+                                : border.corner >= 0 ? zone_of_corner[border.corner]
+                                                     : -1;
+          if (behind < 0 && border.triangle >= 0 && number_[border.triangle] >= 0)
+            behind = base_ + number_[border.triangle];
           reals[at + 4] = behind;
         }
-        if (is_face) {
+        if (z < n_faces) {
           put(ZONE_ON, triangles_[wanted_[z]].corner[0]);
           put(ZONE_DIRECTION, triangles_[wanted_[z]].normal);
+          continue;
+        }
+        reals[ZONE_ROUND] = behind_ ? -1 : 1;
+        if (z >= n_lines) {
+          put(ZONE_ON, corners[z - n_lines].at);
           continue;
         }
         const Edge& e = edges[z - n_faces];
         Vec3 from = triangles_[e.triangle].corner[e.side],
              to = triangles_[e.triangle].corner[(e.side + 1) % 3];
         if (to < from) std::swap(from, to);
-        reals[ZONE_ROUND] = behind_ ? -1 : 1;
         put(ZONE_ON, from);
         put(ZONE_DIRECTION, unit(to - from));
       }
@@ -278,7 +171,10 @@ class SideZones {
       std::int32_t* of = &zones_.of_triangle[std::size_t(first_ + t) * TRIANGLE_ZONES +
                                              (behind_ ? TRIANGLE_ZONES / 2 : 0)];
       of[0] = base_ + number_[t];
-      for (int k = 0; k < 3; ++k) of[1 + k] = zone_of_side[3 * t + k];
+      for (int k = 0; k < 3; ++k) {
+        of[1 + k] = zone_of_side[3 * t + k];
+        of[4 + k] = zone_of_corner[3 * t + k];
+      }
     }
   }
 
@@ -294,6 +190,64 @@ class SideZones {
     return dot(up(t), inwards(triangles_[other], back));
   }
   bool is_convex(std::int32_t t, int k) const { return rise_behind(t, k) < 0; }
+
+  // Corners of the triangles that zones are wanted of, on this side of which there are places that
+  // are nearest to them; none at a rim.
+  std::vector<Corner> corners_with_room() const {
+    std::vector<Vec3> places;
+    for (const std::int32_t t : wanted_)
+      places.insert(places.end(), triangles_[t].corner, triangles_[t].corner + 3);
+    std::sort(places.begin(), places.end());
+    places.erase(std::unique(places.begin(), places.end()), places.end());
+    std::vector<Corner> corners(places.size());
+    for (std::int32_t corner = 0; corner < 3 * n_; ++corner) {
+      const Vec3& at = triangles_[corner / 3].corner[corner % 3];
+      const auto place = std::lower_bound(places.begin(), places.end(), at);
+      if (place != places.end() && *place == at)
+        corners[place - places.begin()].of.push_back(corner);
+    }
+    parallel_for_chunks(corners.size(), kChunk, [&](std::size_t begin, std::size_t end) {
+      for (std::size_t i = begin; i < end; ++i) {
+        corners[i].at = places[i];
+        find_cone(corners[i]);
+      }
+    });
+    corners.erase(std::remove_if(corners.begin(), corners.end(),
+                                 [](const Corner& c) { return c.cone.rays.empty(); }),
+                  corners.end());
+    return corners;
+  }
+
+  void find_cone(Corner& corner) const {
+    // Sides that begin there, by where they end: each belongs to two triangles.
+    std::vector<std::pair<Vec3, std::int32_t>> sides;
+    for (const std::int32_t of : corner.of) {
+      const ZoneTriangle& t = triangles_[of / 3];
+      const std::int32_t after = of % 3, before = (after + 2) % 3;
+      sides.push_back({t.corner[(after + 1) % 3], of - of % 3 + after});
+      sides.push_back({t.corner[before], of - of % 3 + before});
+    }
+    std::sort(sides.begin(), sides.end());
+    std::vector<Vec3> ways;
+    for (std::size_t k = 0; k < sides.size(); k += 2) {
+      const bool is_last = k + 2 >= sides.size();
+      if (is_last && k + 1 == sides.size()) return;
+      if (!(sides[k].first == sides[k + 1].first)) return;
+      if (!is_last && sides[k].first == sides[k + 2].first) return;
+      ways.push_back(unit(sides[k].first - corner.at));
+    }
+    CornerCone cone = corner_cone(ways);
+    if (cone.rays.empty()) return;
+    const double* reals =
+        surfaces_.triangles.data() + std::size_t(first_ + corner.of[0] / 3) * TRIANGLE_REALS;
+    const double* pseudo = reals + TRIANGLE_VERTICES + 3 * (corner.of[0] % 3);
+    if (sign_ * dot({pseudo[0], pseudo[1], pseudo[2]}, cone.middle) <= 0) return;
+    for (const std::size_t k : cone.bounds) {
+      corner.sides.push_back(sides[2 * k].second);
+      corner.ways.push_back(ways[k]);
+    }
+    corner.cone = std::move(cone);
+  }
 
   // Triangles whose balls come `within` of the ball about a box, ascending.
   std::vector<std::int32_t> near(const Vec3& low, const Vec3& high, double within,
@@ -329,10 +283,10 @@ class SideZones {
 
   // The prism over a face, less what is nearer to others. Where the next face rises, the plane
   // between the two bounds it.
-  Space face(std::int32_t number, Found& found) {
-    const Triangle& t = triangles_[number];
+  ZoneSpace face(std::int32_t number, Found& found) {
+    const ZoneTriangle& t = triangles_[number];
     const Vec3 rise = up(number);
-    Space space;
+    ZoneSpace space;
     space.on = t.corner[0];
     space.rise = rise;
     const auto others = near(min(min(t.corner[0], t.corner[1]), t.corner[2]),
@@ -348,7 +302,7 @@ class SideZones {
     for (int k = 0; k < 3; ++k) {
       in[k] = inwards(t, k);
       inset[k] = 0;
-      Border border{-1.0 * in[k], -dot(in[k], t.corner[k]), neighbour[k]};
+      ZoneBorder border{-1.0 * in[k], -dot(in[k], t.corner[k]), neighbour[k], 3 * number + k};
       const double sine = rise_behind(number, k);
       if (sine > kFlat) {
         const Vec3 facing = up(neighbour[k]);
@@ -359,8 +313,8 @@ class SideZones {
       }
       space.borders.push_back(border);
     }
-    space.borders.push_back({rise, dot(rise, space.on) + reach_, -1});
-    space.borders.push_back({-1.0 * rise, reach_ - dot(rise, space.on), -1});
+    space.borders.push_back({rise, dot(rise, space.on) + reach_});
+    space.borders.push_back({-1.0 * rise, reach_ - dot(rise, space.on)});
     const Vec3 middle = t.middle + reach_ * rise;
     space.samples.push_back(middle);
     for (int k = 0; k < 3; ++k) {
@@ -380,29 +334,28 @@ class SideZones {
       if (other == number || other == neighbour[0] || other == neighbour[1] ||
           other == neighbour[2] || is_behind(triangles_[other], rise, space.on, rounding_))
         continue;
-      keep_off(space, triangles_[other], other, rounding_);
+      space.keep_off(triangles_[other], other, rounding_);
     }
     return space;
   }
 
   // The wedge over an edge between its faces' prisms.
-  Space edge(const Edge& e, Found& found) const {
-    const Triangle &t0 = triangles_[e.triangle], &t1 = triangles_[e.other];
+  ZoneSpace edge(const Edge& e, Found& found) const {
+    const ZoneTriangle &t0 = triangles_[e.triangle], &t1 = triangles_[e.other];
     const Vec3 &a = t0.corner[e.side], &b = t0.corner[(e.side + 1) % 3];
     const Vec3 up0 = up(e.triangle), up1 = up(e.other), middle = unit(up0 + up1),
                along = unit(b - a), in0 = inwards(t0, e.side), in1 = inwards(t1, e.other_side);
     const double cosine = dot(middle, up0);
     if (cosine < kSharp) return nothing();
-    Space space;
+    ZoneSpace space;
     space.on = a;
     space.rise = (1 / cosine) * middle;
-    space.borders = {
-        {in0, dot(in0, a), e.triangle},
-        {in1, dot(in1, a), e.other},
-        {-1.0 * along, -dot(along, a), -1},
-        {along, dot(along, b), -1},
-        {middle, dot(middle, a) + reach_, -1},
-        {-1.0 * middle, -dot(middle, a) - kTooNear * std::max(t0.radius, t1.radius), -1}};
+    space.borders = {{in0, dot(in0, a), e.triangle},
+                     {in1, dot(in1, a), e.other},
+                     {-1.0 * along, -dot(along, a), -1, -1, 3 * e.triangle + e.side},
+                     {along, dot(along, b), -1, -1, 3 * e.triangle + (e.side + 1) % 3},
+                     {middle, dot(middle, a) + reach_},
+                     {-1.0 * middle, -dot(middle, a) - kTooNear * std::max(t0.radius, t1.radius)}};
     space.samples = {0.5 * (a + b) + reach_ * middle};
     for (const Vec3& end : {a, b}) {
       space.vertices.push_back(end);
@@ -413,15 +366,46 @@ class SideZones {
     }
     for (const std::int32_t other : near(min(a, b), max(a, b), 2 * reach_ / cosine, found)) {
       if (other == e.triangle || other == e.other) continue;
-      const Triangle& t = triangles_[other];
+      const ZoneTriangle& t = triangles_[other];
       if (is_behind(t, up0, a, rounding_) && is_behind(t, up1, a, rounding_)) continue;
-      keep_off(space, t, other, rounding_);
+      space.keep_off(t, other, rounding_);
     }
     return space;
   }
 
-  static Space nothing() {
-    Space space;
+  // The cone over a corner between its edges' wedges.
+  ZoneSpace corner(const Corner& c, Found& found) const {
+    const CornerCone& cone = c.cone;
+    double cosine = 1;
+    for (const Vec3& ray : cone.rays) cosine = std::min(cosine, dot(ray, cone.middle));
+    if (cosine < kSharp) return nothing();
+    ZoneSpace space;
+    space.on = c.at;
+    space.rise = (1 / cosine) * cone.middle;
+    for (std::size_t k = 0; k < c.ways.size(); ++k)
+      space.borders.push_back({c.ways[k], dot(c.ways[k], c.at), -1, c.sides[k]});
+    double radius = 0;
+    for (const std::int32_t of : c.of) radius = std::max(radius, triangles_[of / 3].radius);
+    const double height = dot(cone.middle, c.at);
+    space.borders.push_back({cone.middle, height + reach_});
+    space.borders.push_back({-1.0 * cone.middle, -height - kTooNear * radius});
+    space.samples = {c.at + reach_ * cone.middle};
+    space.vertices = {c.at};
+    for (const Vec3& ray : cone.rays) {
+      space.vertices.push_back(c.at + (reach_ / dot(ray, cone.middle)) * ray);
+      space.samples.push_back(space.vertices.back());
+    }
+    for (const std::int32_t other : near(c.at, c.at, 2 * reach_ / cosine, found)) {
+      const ZoneTriangle& t = triangles_[other];
+      bool is_apart = !std::count(t.corner, t.corner + 3, c.at), is_below = true;
+      for (const Vec3& ray : cone.rays) is_below = is_below && is_behind(t, ray, c.at, rounding_);
+      if (is_apart && !is_below) space.keep_off(t, other, rounding_);
+    }
+    return space;
+  }
+
+  static ZoneSpace nothing() {
+    ZoneSpace space;
     space.borders.resize(ZONE_MOST_BORDERS + 1);
     return space;
   }
@@ -433,7 +417,7 @@ class SideZones {
   bool behind_;
   double sign_, reach_, rounding_ = 0;
   Zones& zones_;
-  std::vector<Triangle> triangles_;
+  std::vector<ZoneTriangle> triangles_;
   std::vector<std::int32_t> neighbour_;        // behind each side; -1: none or several
   std::vector<std::int32_t> wanted_, number_;  // triangles with zones; of each its place there, -1
 };
@@ -441,8 +425,7 @@ class SideZones {
 // Each zone in as many units as it has groups of borders: most have one, and what a look at a
 // node waits for is their memory. Zones are then known by their first unit, as far as a float can
 // name it.
-static_assert(ZONE_BORDERS % ZONE_UNIT == 0 && ZONE_GROUP_REALS % ZONE_UNIT == 0 &&
-              ZONE_MOST_BORDERS % ZONE_GROUP == 0);
+static_assert(ZONE_MOST_BORDERS % ZONE_GROUP == 0);
 void pack(Zones& zones) {
   const std::size_t count = zones.reals.size() / kZoneReals;
   std::vector<std::int64_t> first(count + 1, 0);
@@ -451,7 +434,8 @@ void pack(Zones& zones) {
   };
   for (std::size_t z = 0; z < count; ++z) {
     const int groups = (n_borders(z) + ZONE_GROUP - 1) / ZONE_GROUP;
-    first[z + 1] = first[z] + (ZONE_BORDERS + groups * ZONE_GROUP_REALS) / ZONE_UNIT;
+    first[z + 1] =
+        first[z] + (ZONE_BORDERS + groups * ZONE_GROUP_REALS + ZONE_UNIT - 1) / ZONE_UNIT;
   }
   const auto named = [&](std::int64_t z) {
     return z >= 0 && first[z] < kMostNumber ? static_cast<std::int32_t>(first[z]) : -1;
@@ -467,7 +451,7 @@ void pack(Zones& zones) {
       to[ZONE_BORDER_AT(k) + 4 * ZONE_GROUP] = named(static_cast<std::int64_t>(border[4]));
     }
     for (int k = n_borders(z); k % ZONE_GROUP != 0; ++k) {
-      to[ZONE_BORDER_AT(k) + 3 * ZONE_GROUP] = kFar;
+      to[ZONE_BORDER_AT(k) + 3 * ZONE_GROUP] = kFarOff;
       to[ZONE_BORDER_AT(k) + 4 * ZONE_GROUP] = -1;
     }
   }

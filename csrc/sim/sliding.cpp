@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t kGroup = 64;
 // First byte of a state: what follows is laid out as by this version of the kernels, and where rows
 // are those of blocks though they are no vectors.
-constexpr std::uint8_t kLayout = 10, kTileLayout = 11;
+constexpr std::uint8_t kLayout = 12, kTileLayout = 13;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain

@@ -17,12 +17,15 @@ import numpy as np
 import tledface as tf
 import trimesh
 kernels, file, steps, speed = sys.argv[1], sys.argv[2], int(sys.argv[3]), float(sys.argv[4])
+held = sys.argv[5] == "held"
 soft = tf.material("neo_hookean", youngs_modulus=30e3, poissons_ratio=0.45, density=1000.0)
 model = tf.Model.block((6, 6, 1), (3e-3, 3e-3, 0.5e-3), soft)
 # Its corner is under the middle of the tissue, whose nodes pass over it and over its edges.
 box = trimesh.creation.box((4e-3, 4e-3, 4e-3)).apply_translation((-0.4e-3, -0.7e-3, -2.3e-3))
 i, j, k = model.node_ijk.T
 model.slide((k == 0) & ((i + j) % 2 == 0), box)
+if held:
+    model.fix((k == 0) & (i % 4 == 0), "z")
 found = "native" if kernels == "rows" else "opencl:0"
 sim = tf.Simulator(model, device=found, kernels=kernels, precision="single", damping=200.0)
 velocity = np.zeros_like(model.nodes)
@@ -91,14 +94,17 @@ def test_groups_find_what_a_single_item_finds(oclgrind, tmp_path, kernels):  # n
     assert abs(u - expected).max() < 2e-6 * abs(expected).max()
 
 
-def test_nodes_pass_over_edges_and_a_corner(oclgrind, tmp_path):  # noqa: F811
-    """No zone is over a corner: nodes there have balls of their own, which groups find."""
-    steps = (CORNER, (60, 1.0))
+@pytest.mark.parametrize("held", ["free", "held"])
+def test_nodes_pass_over_edges_and_a_corner(oclgrind, tmp_path, held):  # noqa: F811
+    """Over edges and the corner no zone holds for nodes with a held component: groups find
+    those anew.
+    """
+    steps = (CORNER, (60, 1.0, held))
     log = tmp_path / "log"
     u = displacement(tmp_path, "tile", *steps, **under(oclgrind, log))
     assert not log.exists() or log.read_text() == ""
     expected = displacement(tmp_path, "rows", *steps)
-    assert abs(expected).max() > 1e-3
+    assert abs(expected).max() > (1e-3 if held == "free" else 0.5e-3)
     assert abs(u - expected).max() < 1e-5 * abs(expected).max()
 
 
@@ -106,7 +112,8 @@ def test_nodes_pass_over_edges_and_a_corner(oclgrind, tmp_path):  # noqa: F811
 def test_a_run_that_diverges_keeps_to_its_arrays(oclgrind, tmp_path, kernels):  # noqa: F811
     """All lanes of a row wait then, whether they have a sliding node or not."""
     log = tmp_path / "log"
-    done = ended(tmp_path / "u.npy", kernels, CORNER, (40, 15.0), **under(oclgrind, log))
+    steps = (40, 15.0, "free")
+    done = ended(tmp_path / "u.npy", kernels, CORNER, steps, **under(oclgrind, log))
     assert "no longer finite" in done.stderr
     assert not log.exists() or log.read_text() == ""
 

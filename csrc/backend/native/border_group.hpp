@@ -16,3 +16,15 @@ inline real least_of(realg v) {
   v = v < other ? v : other;
   return v[0] < v[1] ? v[0] : v[1];
 }
+// The first of the places where v is x; the last where it is nowhere.
+inline int first_place_of(realg v, real x) {
+#if defined(__AVX2__) && !TLED_DOUBLE
+  const auto is = _mm256_cmp_ps((__m256)v, _mm256_set1_ps(x), _CMP_EQ_OQ);
+  return __builtin_ctz(static_cast<unsigned>(_mm256_movemask_ps(is)) | 1u << (GROUP_LANES - 1));
+#else
+  int place = GROUP_LANES - 1;
+  for (int k = GROUP_LANES - 1; k >= 0; --k)
+    if (v[k] == x) place = k;
+  return place;
+#endif
+}

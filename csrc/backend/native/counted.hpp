@@ -26,6 +26,7 @@ thread_local unsigned long current_item = 0;
 inline unsigned long get_global_id(unsigned) { return current_item; }
 inline void prefetch_line(const real*) {}
 inline void prefetch_to_read(const real*) {}
+inline void prefetch_to_second(const real*) {}
 
 thread_local tledface::native::OperationCounts counts;
 

@@ -46,6 +46,7 @@ inline realv gather_lanes(const real* p, const int* at) {
 }
 inline void prefetch_line(const real* p) { __builtin_prefetch(p, 1); }
 inline void prefetch_to_read(const real* p) { __builtin_prefetch(p, 0); }
+inline void prefetch_to_second(const real* p) { __builtin_prefetch(p, 0, 2); }
 // The lanes of which a is not below b, as bits.
 inline int lanes_not_below(realv a, realv b) {
 #if defined(__AVX512F__)  // the loop below is not recognised
