@@ -20,9 +20,8 @@ typedef float real;
 #endif
 #define R(x) ((real)(x))
 
-// A line of memory that is soon read and written, or only read; or only read and not yet wanted in the first
-// cache. OpenCL C's own prefetch is empty on
-// CPUs.
+// A line of memory that is soon read and written, or only read; or only read and not yet wanted in the
+// first cache. OpenCL C's own prefetch is empty on CPUs.
 #if TLED_VECTOR_ROWS && defined(__has_builtin)
 #if __has_builtin(__builtin_prefetch)
 #define prefetch_line(p) __builtin_prefetch((const void*)(size_t)(p), 1)
@@ -86,7 +85,7 @@ INLINE real least_of(realg v) {
 }
 // The first of the places where v is x; the last where it is nowhere.
 INLINE int first_place_of(realg v, real x) {
-  return (int)least_of(v == (realg)(x) ? numbers_from(0) : (realg)(R(7.0)));
+  return (int)least_of(v == (realg)(x) ? numbers_from(0) : (realg)((real)(GROUP_LANES - 1)));
 }
 INLINE realv broadcast(real x) { return (realv)(x); }
 INLINE realv load_lanes(__global const real* p) { return *(__global const realv*)p; }

@@ -5,7 +5,7 @@
 // 1. While the closest point is on one face the surface is that face's plane, while it is on one edge
 //    or corner the surface is that line or point (sliding_plane.cl). What is known to hold is looked at
 //    only when the node leaves a ball within which it does.
-// 2. Past it, the zone of its face or edge (sliding_zone.cl), which is the same for all nodes, or the
+// 2. Past it, the zone of its face, edge or corner (sliding_zone.cl), which is the same for all nodes, or the
 //    zone behind the border that it crossed: there is a new ball.
 // 3. Where no zone is known to hold, the exact closest point (face, edge or vertex; side by
 //    angle-weighted pseudonormals, Baerentzen & Aanaes 2005) among the node's own candidates: with d_1
@@ -103,7 +103,7 @@ INLINE Points lanes_seen(const SlideRow* row, Points u) {
 }
 
 #if TLED_VECTOR_ROWS
-// What a row needs is on its way to the cache: what every step reads of it, and what a look reads.
+// What a row needs is on its way to the cache: what every step reads of it.
 INLINE void fetch_row(const SlideRow* row) {
   for (int k = 0; k < SLIDE_ROWS * TLED_LANES; k += LINE_REALS) prefetch_line(row->rows + k);
 }

@@ -89,7 +89,9 @@ INLINE FirstZone first_zone(const SlideSurfaces* s, __global const real* record,
   return first;
 }
 INLINE int look_from(FirstZone first, const SlideSurfaces* s, const SlideNode* node, Point u) {
-  if (!(first.left > R(0.0)) || !stays_in(s->zones + (long)first.zone * ZONE_UNIT, node->free))
+  const Point p = place_of(node->record, u);
+  if (!(first.left > R(0.0)) || is_lost(p) ||
+      !stays_in(s->zones + (long)first.zone * ZONE_UNIT, node->free))
     return look_at_node(s, node, u);
-  return keep_in_zone(s, node, u, place_of(node->record, u), first.zone, first.nearest, first.left);
+  return keep_in_zone(s, node, u, p, first.zone, first.nearest, first.left);
 }

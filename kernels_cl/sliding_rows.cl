@@ -1,5 +1,5 @@
 // Row kernels put sliding nodes back themselves, while they are in a near cache: those of surfaces that
-// stand still, without laws and without other conditions on them (csrc/sim/sliding). Rows that have to
+// stand still, without laws and without other conditions on them (csrc/sim/sliding). Nodes that have to
 // be looked at wait while what that reads is fetched: first what is known of the nodes that left their
 // balls, with the next batch of rows the zones, with the one after they are looked at.
 

@@ -1,4 +1,4 @@
-// Level 2 of sliding.cl, zones: the places of which a face or an edge is known to be the nearest part of
+// Level 2 of sliding.cl, zones: the places of which a face, an edge or a corner is known to be the nearest part of
 // a surface, convex and the same for all nodes (csrc/broad_phase/zones). A node in one needs no search;
 // one that leaves it mostly enters the zone behind the border that it crossed. A node that passes
 // through the surface within a step is put back to its side, so zones are one side's.

@@ -16,7 +16,7 @@ constexpr double kLittle = 0.01;
 // Directions in which planes are tilted, and the angle between them, rad.
 constexpr std::size_t kTurns = 12;
 constexpr double kTurn = 0.2;
-// A zone of more vertices is not followed further as it shrinks.
+// A zone that shrinks to more vertices is taken as it was.
 constexpr std::size_t kMostVertices = 24;
 
 Vec3 closest_on_side(const Vec3& p, const Vec3& a, const Vec3& b) {
@@ -140,7 +140,8 @@ void ZoneSpace::keep_off(const ZoneTriangle& other, std::int32_t number, double 
     if (norm(way) > rounding && try_plane(unit(way), q)) return;
   }
   if (!(kept > -kFarOff)) {  // nearer everywhere
-    borders.push_back({rise, -kFarOff});
+    close();
+    vertices.clear();
     return;
   }
   const Vec3 out = rise - best;
@@ -152,7 +153,6 @@ void ZoneSpace::add(const ZoneBorder& border, double rounding) {
   borders.push_back(border);
   // What is left, by its vertices; where a plane cuts it, cuts between any two of them have its own
   // among them, and lie in it.
-  if (vertices.size() > kMostVertices) return;
   std::vector<Vec3> left;
   const auto ahead = [&](const Vec3& v) { return border.limit - dot(border.outward, v); };
   for (const Vec3& v : vertices) {
@@ -162,7 +162,7 @@ void ZoneSpace::add(const ZoneBorder& border, double rounding) {
       if (ahead(w) < -rounding && ahead(v) > rounding)
         left.push_back(v + (ahead(v) / (ahead(v) - ahead(w))) * (w - v));
   }
-  vertices = std::move(left);
+  if (left.size() <= kMostVertices) vertices = std::move(left);
 }
 
 }  // namespace tledface

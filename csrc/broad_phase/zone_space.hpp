@@ -33,7 +33,8 @@ struct ZoneBorder {
 };
 
 // rise: a linear bound of the distance from the zone's part, rise . (x - on), which is none less
-// than that. vertices: of what its own borders leave; samples: places in it, the first amid it.
+// than that. vertices: of what its borders leave, or more; samples: places in it, the first amid
+// it.
 struct ZoneSpace {
   Vec3 on, rise;
   std::vector<Vec3> vertices, samples;
@@ -41,10 +42,12 @@ struct ZoneSpace {
 
   // Keeps triangle `number` farther than the zone's own part: by nothing, or a border. rounding, m.
   void keep_off(const ZoneTriangle& other, std::int32_t number, double rounding);
-  // Another border, which cuts off some of the vertices: what is kept off there already needs none.
-  void add(const ZoneBorder& border, double rounding);
   // Nothing is in it.
   void close() { borders = {{rise, -kFarOff}}; }
+
+ private:
+  // Another border, which cuts off some of the vertices: what is kept off there already needs none.
+  void add(const ZoneBorder& border, double rounding);
 };
 
 }  // namespace tledface

@@ -19,7 +19,8 @@ constexpr double kFlat = 1e-7;
 // Of an edge sharper than this cosine of half the angle between its normals there is no zone, nor
 // of a corner whose cone is as wide.
 constexpr double kSharp = 0.2;
-// Part of the surface's longest side here within which an edge is too near for a direction from it.
+// Part of the largest radius of the triangles beside it within which an edge or a corner is too
+// near for a direction from it.
 constexpr double kTooNear = 1e-5;
 // Triangles, edges or corners that a thread takes at a time: enough for what it keeps of all
 // triangles (Found).
@@ -238,10 +239,13 @@ class SideZones {
     }
     CornerCone cone = corner_cone(ways);
     if (cone.rays.empty()) return;
-    const double* reals =
-        surfaces_.triangles.data() + std::size_t(first_ + corner.of[0] / 3) * TRIANGLE_REALS;
-    const double* pseudo = reals + TRIANGLE_VERTICES + 3 * (corner.of[0] % 3);
-    if (sign_ * dot({pseudo[0], pseudo[1], pseudo[2]}, cone.middle) <= 0) return;
+    // The triangles' own, which differ where vertices are not shared: all are to say this side.
+    for (const std::int32_t of : corner.of) {
+      const double* pseudo = surfaces_.triangles.data() +
+                             std::size_t(first_ + of / 3) * TRIANGLE_REALS + TRIANGLE_VERTICES +
+                             3 * (of % 3);
+      if (sign_ * dot({pseudo[0], pseudo[1], pseudo[2]}, cone.middle) <= 0) return;
+    }
     for (const std::size_t k : cone.bounds) {
       corner.sides.push_back(sides[2 * k].second);
       corner.ways.push_back(ways[k]);
@@ -378,7 +382,7 @@ class SideZones {
     const CornerCone& cone = c.cone;
     double cosine = 1;
     for (const Vec3& ray : cone.rays) cosine = std::min(cosine, dot(ray, cone.middle));
-    if (cosine < kSharp) return nothing();
+    if (cosine < kSharp || c.ways.size() + 2 > ZONE_MOST_BORDERS) return nothing();
     ZoneSpace space;
     space.on = c.at;
     space.rise = (1 / cosine) * cone.middle;
@@ -425,7 +429,8 @@ class SideZones {
 // Each zone in as many units as it has groups of borders: most have one, and what a look at a
 // node waits for is their memory. Zones are then known by their first unit, as far as a float can
 // name it.
-static_assert(ZONE_MOST_BORDERS % ZONE_GROUP == 0);
+static_assert((ZONE_BORDERS + ZONE_GROUP_REALS) % ZONE_UNIT == 0 &&
+              ZONE_MOST_BORDERS % ZONE_GROUP == 0);
 void pack(Zones& zones) {
   const std::size_t count = zones.reals.size() / kZoneReals;
   std::vector<std::int64_t> first(count + 1, 0);

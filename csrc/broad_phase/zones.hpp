@@ -1,6 +1,6 @@
-// The places of which a face or an edge of a surface is known to be the nearest part, as the
-// sliding kernels read them (kernels_cl/sliding_zone.cl). A node that stays in its zone needs no
-// search, and one that leaves it through a border mostly enters the zone behind.
+// The places of which a face, an edge or a corner of a surface is known to be the nearest part, as
+// the sliding kernels read them (kernels_cl/sliding_zone.cl). A node that stays in its zone needs
+// no search, and one that leaves it through a border mostly enters the zone behind.
 #pragma once
 #include <array>
 #include <cstdint>
