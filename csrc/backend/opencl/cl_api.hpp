@@ -35,6 +35,7 @@ constexpr Bitfield kDeviceTypeCpu = 1u << 1;
 constexpr Bitfield kDeviceTypeGpu = 1u << 2;
 constexpr Bitfield kDeviceTypeAll = 0xFFFFFFFFu;
 constexpr Bitfield kMemoryReadWrite = 1u << 0;
+constexpr Bitfield kMemoryUseHostPointer = 1u << 3;
 constexpr Bitfield kMemoryAllocateOnHost = 1u << 4;
 constexpr Bitfield kMapRead = 1u << 0, kMapWrite = 1u << 1;
 

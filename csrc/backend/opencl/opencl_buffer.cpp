@@ -83,8 +83,11 @@ OpenClBuffer::OpenClBuffer(std::shared_ptr<OpenClQueue> queue, std::size_t bytes
   // Some drivers accept more than they have and fail, or swap, when it is first used.
   if (padded < bytes || padded > largest) refuse(cl::kInvalidBufferSize, largest);
   cl::Int status = cl::kSuccess;
-  handle_ =
-      api.CreateBuffer(queue_->context.handle, cl::kMemoryReadWrite, padded, nullptr, &status);
+  if (queue_->info.kind == "cpu" && padded >= HostMemory::kLargePage)
+    host_ = std::make_unique<HostMemory>(padded);
+  handle_ = api.CreateBuffer(queue_->context.handle,
+                             cl::kMemoryReadWrite | (host_ ? cl::kMemoryUseHostPointer : 0), padded,
+                             host_ ? host_->data() : nullptr, &status);
   if (status != cl::kSuccess) refuse(status, largest);
   const std::uint32_t zero = 0;
   status = api.EnqueueFillBuffer(queue_->handle, handle_, &zero, sizeof zero, 0, padded, 0, nullptr,
@@ -98,6 +101,8 @@ OpenClBuffer::OpenClBuffer(std::shared_ptr<OpenClQueue> queue, std::size_t bytes
 
 OpenClBuffer::~OpenClBuffer() {
   while (!waiting_.empty()) let_go_first();
+  // Commands keep the object and not the memory.
+  if (host_) queue_->api.Finish(queue_->handle);
   queue_->api.ReleaseMemObject(handle_);
 }
 

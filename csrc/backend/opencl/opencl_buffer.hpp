@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "backend/host_memory.hpp"
 #include "backend/opencl/opencl_queue.hpp"
 
 namespace tledface {
@@ -39,6 +40,8 @@ class OpenClBuffer final : public Buffer {
   std::shared_ptr<OpenClQueue> queue_;
   std::size_t bytes_;
   cl::Memory handle_ = nullptr;
+  // What a CPU's driver works in: its own memory has small pages.
+  std::unique_ptr<HostMemory> host_;
   std::deque<Waiting> waiting_;
 };
 
