@@ -79,6 +79,7 @@ constexpr Enum kKernelWorkGroupSize = 0x11B0;
   X(ReleaseCommandQueue, Int, (Queue))                                                           \
   X(CreateBuffer, Memory, (Context, Bitfield, std::size_t, void*, Int*))                         \
   X(ReleaseMemObject, Int, (Memory))                                                             \
+  X(SetMemObjectDestructorCallback, Int, (Memory, void (*)(Memory, void*), void*))               \
   X(EnqueueReadBuffer, Int,                                                                      \
     (Queue, Memory, Bool, std::size_t, std::size_t, void*, UInt, const Event*, Event*))          \
   X(EnqueueWriteBuffer, Int,                                                                     \

@@ -5,7 +5,6 @@
 #include <memory>
 #include <vector>
 
-#include "backend/host_memory.hpp"
 #include "backend/opencl/opencl_queue.hpp"
 
 namespace tledface {
@@ -31,6 +30,8 @@ class OpenClBuffer final : public Buffer {
     cl::Event done;
   };
 
+  // A memory object of `bytes`; null where there is no room.
+  cl::Memory create(std::size_t bytes, cl::Int* status) const;
   // Waits for the first that is being written.
   cl::Int let_go_first();
   // False where there is nothing to copy; OpenCL has no empty transfer.
@@ -40,8 +41,6 @@ class OpenClBuffer final : public Buffer {
   std::shared_ptr<OpenClQueue> queue_;
   std::size_t bytes_;
   cl::Memory handle_ = nullptr;
-  // What a CPU's driver works in: its own memory has small pages.
-  std::unique_ptr<HostMemory> host_;
   std::deque<Waiting> waiting_;
 };
 
