@@ -395,6 +395,25 @@ def test_buffer_and_queue_are_shared_with_pyopencl(opencl_device):
     np.testing.assert_array_equal(result, -values)
 
 
+@pytest.mark.parametrize("megabytes", [1, 5])
+def test_a_shared_buffer_outlives_ours(opencl_device, megabytes):
+    pyopencl_device(opencl_device)
+    import pyopencl as cl
+
+    queue = pyopencl_queue(opencl_device)
+    values = np.arange(megabytes << 18, dtype=np.float32)
+    buffer = opencl_device._allocate(values.nbytes)
+    buffer.write(values)
+    shared = cl.Buffer.from_int_ptr(buffer.opencl_handle, retain=True)
+    del buffer
+    # What our memory would be used for next.
+    others = [opencl_device._allocate(values.nbytes) for _ in range(4)]
+    result = np.empty_like(values)
+    cl.enqueue_copy(queue, result, shared)
+    np.testing.assert_array_equal(result, values)
+    assert len(others) == 4
+
+
 @pytest.mark.parametrize("order", ["pyopencl first", "tledface first"])
 def test_pyopencl_in_either_order(opencl_device, order):
     pyopencl_device(opencl_device)

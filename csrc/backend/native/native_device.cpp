@@ -1,9 +1,6 @@
 // The native executor: kernels compiled ahead of time for several instruction sets, the best one
 // that this processor has taken at run time, work-items dealt to the thread pool.
 #include <unistd.h>
-#if defined(__linux__)
-#include <sys/mman.h>
-#endif
 
 #include <chrono>
 #include <cstdlib>
@@ -12,6 +9,7 @@
 #include <utility>
 
 #include "backend/device.hpp"
+#include "backend/host_memory.hpp"
 #include "backend/launch_log.hpp"
 #include "backend/native/kernel_table.hpp"
 #include "backend/native/operation_counts.hpp"
@@ -80,11 +78,6 @@ const KernelTable& table_of(Precision precision) {
   return single ? portable_float() : portable_double();
 }
 
-constexpr std::size_t kAlignment = 64;
-// Arrays from this size on lie in large pages where the system has them: a step walks all of them,
-// and looking up where a small page is costs as much as its lines.
-constexpr std::size_t kLargePage = std::size_t(2) << 20;
-
 class NativeReading final : public Reading {
  public:
   NativeReading(const void* source, std::size_t bytes)
@@ -97,38 +90,21 @@ class NativeReading final : public Reading {
 
 class NativeBuffer final : public Buffer {
  public:
-  explicit NativeBuffer(std::size_t bytes) : bytes_(bytes) {
-    const std::size_t alignment = bytes < kLargePage ? kAlignment : kLargePage,
-                      whole = (bytes + alignment - 1) / alignment * alignment;
-    data_ = std::aligned_alloc(alignment, whole ? whole : alignment);
-    if (!data_)
-      throw InputError("not enough memory: an array of " + std::to_string(bytes >> 20) +
-                       " MiB could not be had; take larger voxels or a smaller region");
-#if defined(MADV_HUGEPAGE)
-    if (bytes >= kLargePage) {
-      madvise(data_, whole, MADV_HUGEPAGE);  // a wish: small ones do too
-      madvise(data_, whole, MADV_DONTNEED);  // what was in use before would keep its small ones
-    }
-#endif
-    std::memset(data_, 0, whole);
-  }
-  ~NativeBuffer() override { std::free(data_); }
-  NativeBuffer(const NativeBuffer&) = delete;
-  NativeBuffer& operator=(const NativeBuffer&) = delete;
+  explicit NativeBuffer(std::size_t bytes) : bytes_(bytes), memory_(bytes) {}
 
   std::size_t bytes() const override { return bytes_; }
   void write(const void* source, std::size_t bytes, std::size_t offset) override {
     check_range(bytes, offset);
-    if (bytes) std::memcpy(static_cast<char*>(data_) + offset, source, bytes);
+    if (bytes) std::memcpy(static_cast<char*>(memory_.data()) + offset, source, bytes);
   }
   void read(void* target, std::size_t bytes, std::size_t offset) const override {
     check_range(bytes, offset);
-    if (bytes) std::memcpy(target, static_cast<const char*>(data_) + offset, bytes);
+    if (bytes) std::memcpy(target, static_cast<const char*>(memory_.data()) + offset, bytes);
   }
   std::unique_ptr<Reading> read_later() const override {
-    return std::make_unique<NativeReading>(data_, bytes_);
+    return std::make_unique<NativeReading>(memory_.data(), bytes_);
   }
-  void* host_pointer() const override { return data_; }
+  void* host_pointer() const override { return memory_.data(); }
 
  private:
   void check_range(std::size_t bytes, std::size_t offset) const {
@@ -139,7 +115,7 @@ class NativeBuffer final : public Buffer {
   }
 
   std::size_t bytes_;
-  void* data_;
+  HostMemory memory_;
 };
 
 class NativeKernel final : public Kernel {

@@ -35,6 +35,7 @@ constexpr Bitfield kDeviceTypeCpu = 1u << 1;
 constexpr Bitfield kDeviceTypeGpu = 1u << 2;
 constexpr Bitfield kDeviceTypeAll = 0xFFFFFFFFu;
 constexpr Bitfield kMemoryReadWrite = 1u << 0;
+constexpr Bitfield kMemoryUseHostPointer = 1u << 3;
 constexpr Bitfield kMemoryAllocateOnHost = 1u << 4;
 constexpr Bitfield kMapRead = 1u << 0, kMapWrite = 1u << 1;
 
@@ -78,6 +79,7 @@ constexpr Enum kKernelWorkGroupSize = 0x11B0;
   X(ReleaseCommandQueue, Int, (Queue))                                                           \
   X(CreateBuffer, Memory, (Context, Bitfield, std::size_t, void*, Int*))                         \
   X(ReleaseMemObject, Int, (Memory))                                                             \
+  X(SetMemObjectDestructorCallback, Int, (Memory, void (*)(Memory, void*), void*))               \
   X(EnqueueReadBuffer, Int,                                                                      \
     (Queue, Memory, Bool, std::size_t, std::size_t, void*, UInt, const Event*, Event*))          \
   X(EnqueueWriteBuffer, Int,                                                                     \

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "backend/host_memory.hpp"
 #include "core/error.hpp"
 
 namespace tledface {
@@ -83,8 +84,7 @@ OpenClBuffer::OpenClBuffer(std::shared_ptr<OpenClQueue> queue, std::size_t bytes
   // Some drivers accept more than they have and fail, or swap, when it is first used.
   if (padded < bytes || padded > largest) refuse(cl::kInvalidBufferSize, largest);
   cl::Int status = cl::kSuccess;
-  handle_ =
-      api.CreateBuffer(queue_->context.handle, cl::kMemoryReadWrite, padded, nullptr, &status);
+  handle_ = create(padded, &status);
   if (status != cl::kSuccess) refuse(status, largest);
   const std::uint32_t zero = 0;
   status = api.EnqueueFillBuffer(queue_->handle, handle_, &zero, sizeof zero, 0, padded, 0, nullptr,
@@ -94,6 +94,26 @@ OpenClBuffer::OpenClBuffer(std::shared_ptr<OpenClQueue> queue, std::size_t bytes
     api.ReleaseMemObject(handle_);
     refuse(status, largest);
   }
+}
+
+// A CPU works in our memory, since its driver's own has small pages. The object frees it when it
+// goes: commands and others (pyopencl) may keep that longer than this does.
+cl::Memory OpenClBuffer::create(std::size_t bytes, cl::Int* status) const {
+  const auto& api = queue_->api;
+  const cl::Context context = queue_->context.handle;
+  if (queue_->info.kind == "cpu" && bytes >= HostMemory::kLargePage) {
+    auto host = std::make_unique<HostMemory>(bytes);
+    cl::Memory memory = api.CreateBuffer(context, cl::kMemoryReadWrite | cl::kMemoryUseHostPointer,
+                                         bytes, host->data(), status);
+    if (*status != cl::kSuccess) return nullptr;
+    const auto let_go = [](cl::Memory, void* data) { delete static_cast<HostMemory*>(data); };
+    if (api.SetMemObjectDestructorCallback(memory, let_go, host.get()) == cl::kSuccess) {
+      host.release();
+      return memory;
+    }
+    api.ReleaseMemObject(memory);
+  }
+  return api.CreateBuffer(context, cl::kMemoryReadWrite, bytes, nullptr, status);
 }
 
 OpenClBuffer::~OpenClBuffer() {

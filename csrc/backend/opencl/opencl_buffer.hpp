@@ -30,6 +30,8 @@ class OpenClBuffer final : public Buffer {
     cl::Event done;
   };
 
+  // A memory object of `bytes`; null where there is no room.
+  cl::Memory create(std::size_t bytes, cl::Int* status) const;
   // Waits for the first that is being written.
   cl::Int let_go_first();
   // False where there is nothing to copy; OpenCL has no empty transfer.
