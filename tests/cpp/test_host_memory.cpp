@@ -60,13 +60,9 @@ bool asks_for_large_pages(const void* data) {
   const auto wanted = reinterpret_cast<std::uintptr_t>(data);
   bool is_inside = false;
   for (std::string line; std::getline(maps, line);) {
-    std::uintptr_t begin = 0, end = 0;
-    unsigned long long from = 0, to = 0;
-    if (std::sscanf(line.c_str(), "%llx-%llx ", &from, &to) == 2) {
-      begin = static_cast<std::uintptr_t>(from);
-      end = static_cast<std::uintptr_t>(to);
+    unsigned long long begin = 0, end = 0;
+    if (std::sscanf(line.c_str(), "%llx-%llx ", &begin, &end) == 2)
       is_inside = begin <= wanted && wanted < end;
-    }
     if (is_inside && line.rfind("VmFlags:", 0) == 0) {
       std::istringstream flags(line);
       for (std::string flag; flags >> flag;)

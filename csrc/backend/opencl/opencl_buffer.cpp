@@ -83,8 +83,11 @@ OpenClBuffer::OpenClBuffer(std::shared_ptr<OpenClQueue> queue, std::size_t bytes
       query_value<std::uint64_t>(api, queue_->context.device, cl::kDeviceMaxMemoryAllocation);
   // Some drivers accept more than they have and fail, or swap, when it is first used.
   if (padded < bytes || padded > largest) refuse(cl::kInvalidBufferSize, largest);
+  handle_ = create_in_large_pages(padded);
+  if (handle_) return;
   cl::Int status = cl::kSuccess;
-  handle_ = create(padded, &status);
+  handle_ =
+      api.CreateBuffer(queue_->context.handle, cl::kMemoryReadWrite, padded, nullptr, &status);
   if (status != cl::kSuccess) refuse(status, largest);
   const std::uint32_t zero = 0;
   status = api.EnqueueFillBuffer(queue_->handle, handle_, &zero, sizeof zero, 0, padded, 0, nullptr,
@@ -96,24 +99,24 @@ OpenClBuffer::OpenClBuffer(std::shared_ptr<OpenClQueue> queue, std::size_t bytes
   }
 }
 
-// A CPU works in our memory, since its driver's own has small pages. The object frees it when it
-// goes: commands and others (pyopencl) may keep that longer than this does.
-cl::Memory OpenClBuffer::create(std::size_t bytes, cl::Int* status) const {
+// The object frees that memory when it goes: commands and others (pyopencl) may keep it longer than
+// this does.
+cl::Memory OpenClBuffer::create_in_large_pages(std::size_t bytes) const {
+  if (queue_->info.kind != "cpu" || bytes < HostMemory::kLargePage) return nullptr;
   const auto& api = queue_->api;
-  const cl::Context context = queue_->context.handle;
-  if (queue_->info.kind == "cpu" && bytes >= HostMemory::kLargePage) {
-    auto host = std::make_unique<HostMemory>(bytes);
-    cl::Memory memory = api.CreateBuffer(context, cl::kMemoryReadWrite | cl::kMemoryUseHostPointer,
-                                         bytes, host->data(), status);
-    if (*status != cl::kSuccess) return nullptr;
-    const auto let_go = [](cl::Memory, void* data) { delete static_cast<HostMemory*>(data); };
-    if (api.SetMemObjectDestructorCallback(memory, let_go, host.get()) == cl::kSuccess) {
-      host.release();
-      return memory;
-    }
+  auto host = std::make_unique<HostMemory>(bytes);
+  cl::Int status = cl::kSuccess;
+  cl::Memory memory =
+      api.CreateBuffer(queue_->context.handle, cl::kMemoryReadWrite | cl::kMemoryUseHostPointer,
+                       bytes, host->data(), &status);
+  if (status != cl::kSuccess) return nullptr;
+  const auto let_go = [](cl::Memory, void* data) { delete static_cast<HostMemory*>(data); };
+  if (api.SetMemObjectDestructorCallback(memory, let_go, host.get()) != cl::kSuccess) {
     api.ReleaseMemObject(memory);
+    return nullptr;
   }
-  return api.CreateBuffer(context, cl::kMemoryReadWrite, bytes, nullptr, status);
+  host.release();
+  return memory;
 }
 
 OpenClBuffer::~OpenClBuffer() {

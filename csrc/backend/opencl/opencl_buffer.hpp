@@ -30,8 +30,9 @@ class OpenClBuffer final : public Buffer {
     cl::Event done;
   };
 
-  // A memory object of `bytes`; null where there is no room.
-  cl::Memory create(std::size_t bytes, cl::Int* status) const;
+  // Zero-filled memory of ours that a CPU works in, since its driver's own has small pages; null:
+  // the driver is to take its own.
+  cl::Memory create_in_large_pages(std::size_t bytes) const;
   // Waits for the first that is being written.
   cl::Int let_go_first();
   // False where there is nothing to copy; OpenCL has no empty transfer.
