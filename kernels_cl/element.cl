@@ -21,31 +21,6 @@ INLINE Tensor deformation_gradient(Tensor linear, Axes gradient) {
   return F;
 }
 
-// Adds one muscle's stress to P_scaled (column d times V/(4 h_d)). Lanes without fibre have weight 0
-// and a zero direction; their stretch is 0 then, which the law takes.
-INLINE void add_muscle_stress(__global const real* constants, __global const real* rows,
-                                     __global const real* shape, real activation, Tensor F, realv J,
-                                     Tensor* P_scaled) {
-  const realv dx = load_lanes(rows), dy = load_lanes(rows + TLED_LANES),
-              dz = load_lanes(rows + 2 * TLED_LANES), weight = load_lanes(rows + 3 * TLED_LANES);
-  const realv vx = F.xx * dx + F.xy * dy + F.xz * dz;
-  const realv vy = F.yx * dx + F.yy * dy + F.yz * dz;
-  const realv vz = F.zx * dx + F.zy * dy + F.zz * dz;
-  const realv stretch = square_root(vx * vx + vy * vy + vz * vz);
-  const realv tension = weight * J * muscle_tension(constants, activation, stretch);
-  const realv tx = tension * dx * shape[SHAPE_FORCE], ty = tension * dy * shape[SHAPE_FORCE + 1],
-              tz = tension * dz * shape[SHAPE_FORCE + 2];
-  P_scaled->xx += vx * tx;
-  P_scaled->xy += vx * ty;
-  P_scaled->xz += vx * tz;
-  P_scaled->yx += vy * tx;
-  P_scaled->yy += vy * ty;
-  P_scaled->yz += vy * tz;
-  P_scaled->zx += vz * tx;
-  P_scaled->zy += vz * ty;
-  P_scaled->zz += vz * tz;
-}
-
 // A lane without element is not present. Its corners may belong to other elements and its F be
 // anything, so J is set to 1 there: every stress is then 0 times something finite.
 INLINE realv volume_ratio(Tensor F, Tensor cof, __global const real* parameters) {
@@ -127,14 +102,44 @@ INLINE void scale_columns(Tensor* P, __global const real* shape) {
   P->zz *= z;
 }
 
+// Stress of one muscle: along (x) pull, column d times V/(4 h_d).
+typedef struct { Vec along, pull; } FibreStress;
+
+// Of one of the block's entries of muscles. Lanes without fibre have weight 0 and a zero direction; their
+// stretch is 0 then, which the law takes. force: V/(4 h_d).
+INLINE FibreStress fibre_stress(ElementTables t, int entry, Axes force, Tensor F, realv J, int lane) {
+  const int muscle = t.muscle_entries[2 * entry], set = t.muscle_entries[2 * entry + 1];
+  __global const real* rows = t.muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES) + lane;
+  const realv dx = load_lanes(rows), dy = load_lanes(rows + TLED_LANES),
+              dz = load_lanes(rows + 2 * TLED_LANES);
+  const realv scale = load_lanes(rows + 3 * TLED_LANES) * J;
+  FibreStress s;
+  s.along.x = F.xx * dx + F.xy * dy + F.xz * dz;
+  s.along.y = F.yx * dx + F.yy * dy + F.yz * dz;
+  s.along.z = F.zx * dx + F.zy * dy + F.zz * dz;
+  const realv tension =
+      muscle_tension(t.muscle_constants + muscle * TLED_MUSCLE_CONSTANTS,
+                     t.step[STEP_ACTIVATION + muscle], square_root(dot_product(s.along, s.along)));
+  s.pull.x = tension * (scale * force.x * dx);
+  s.pull.y = tension * (scale * force.y * dy);
+  s.pull.z = tension * (scale * force.z * dz);
+  return s;
+}
+
 // Adds the stress of every muscle with fibres in the block to P_scaled.
-INLINE void add_muscles(ElementTables t, Tensor F, realv J, __global const int* links, int lane,
-                        Tensor* P_scaled) {
+INLINE void add_muscles(ElementTables t, Tensor F, realv J, __global const int* links, Axes force,
+                        int lane, Tensor* P_scaled) {
   for (int entry = links[BLOCK_MUSCLE_BEGIN]; entry < links[BLOCK_MUSCLE_END]; ++entry) {
-    const int muscle = t.muscle_entries[2 * entry], set = t.muscle_entries[2 * entry + 1];
-    add_muscle_stress(t.muscle_constants + muscle * TLED_MUSCLE_CONSTANTS,
-                      t.muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES) + lane, t.shape,
-                      t.step[STEP_ACTIVATION + muscle], F, J, P_scaled);
+    const FibreStress s = fibre_stress(t, entry, force, F, J, lane);
+    P_scaled->xx += s.along.x * s.pull.x;
+    P_scaled->xy += s.along.x * s.pull.y;
+    P_scaled->xz += s.along.x * s.pull.z;
+    P_scaled->yx += s.along.y * s.pull.x;
+    P_scaled->yy += s.along.y * s.pull.y;
+    P_scaled->yz += s.along.y * s.pull.z;
+    P_scaled->zx += s.along.z * s.pull.x;
+    P_scaled->zy += s.along.z * s.pull.y;
+    P_scaled->zz += s.along.z * s.pull.z;
   }
 }
 
@@ -170,7 +175,7 @@ INLINE Tensor scaled_stress(ElementTables t, Kinematics k, __global const real* 
     add_scaled(&P, broadcast(R(0.0)), k.F, volumetric, k.cof);
     scale_columns(&P, t.shape);
   }
-  add_muscles(t, k.F, k.J, links, lane, &P);
+  add_muscles(t, k.F, k.J, links, voxel_force(t.shape, 0), lane, &P);
   return P;
 }
 

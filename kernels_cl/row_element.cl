@@ -8,11 +8,14 @@ typedef struct { realv s[3], x[3], y[3], xy[3]; } Face;
 
 // What the rows of an element's stress are made of: column d of
 // P_scaled = along_F F + along_cof cof + own - sum_m f^m (x) q^m, times V/(4 h_d) where F, cof stand.
+// own: the stress of one muscle (has_fibre), which needs fewer values than a tensor, or whatever else there
+// is (has_own). One value of three kinds instead cost 2 % of a step natively and 9 % through PoCL.
 typedef struct {
   Tensor F, cof, own;
+  FibreStress fibre;
   Vec along_F, along_cof;
   Hourglass q, f;
-  int has_own;
+  int has_fibre, has_own;
 } ElementForce;
 
 INLINE Tensor linear_modes(const Face* low, const Face* high) {
@@ -98,8 +101,12 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
   e->along_cof.x = along_cof * force.x;
   e->along_cof.y = along_cof * force.y;
   e->along_cof.z = along_cof * force.z;
-  e->has_own = has_laws || links[BLOCK_MUSCLE_BEGIN] < links[BLOCK_MUSCLE_END];
-  if (e->has_own) {
+  const int muscle = links[BLOCK_MUSCLE_BEGIN], n_muscles = links[BLOCK_MUSCLE_END] - muscle;
+  e->has_fibre = !has_laws && n_muscles == 1;
+  e->has_own = has_laws || n_muscles > 1;
+  if (e->has_fibre) {
+    e->fibre = fibre_stress(t, muscle, force, k.F, k.J, lane);
+  } else if (e->has_own) {
     Tensor own;
     clear_tensor(&own);
     if (has_laws) {
@@ -116,7 +123,7 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
 #endif
       own = laws;
     }
-    add_muscles(t, k.F, k.J, links, lane, &own);
+    add_muscles(t, k.F, k.J, links, force, lane, &own);
     e->own = own;
   }
   if (physical) {
@@ -144,7 +151,9 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
 INLINE void weigh_element(ElementForce* e, real weight) {
   e->along_F = scaled(e->along_F, broadcast(weight));
   e->along_cof = scaled(e->along_cof, broadcast(weight));
-  if (e->has_own) {
+  if (e->has_fibre) {
+    e->fibre.pull = scaled(e->fibre.pull, broadcast(weight));
+  } else if (e->has_own) {
     e->own.xx *= weight;
     e->own.xy *= weight;
     e->own.xz *= weight;
@@ -163,13 +172,17 @@ INLINE void weigh_element(ElementForce* e, real weight) {
 
 // Row c of P_scaled, from the rows c of its parts and component c of each mode's force.
 INLINE Vec stress_row(const ElementForce* e, realv F_x, realv F_y, realv F_z, realv cof_x,
-                      realv cof_y, realv cof_z, realv own_x, realv own_y, realv own_z, realv f_xy,
-                      realv f_yz, realv f_zx, realv f_xyz, const int physical) {
+                      realv cof_y, realv cof_z, realv own_x, realv own_y, realv own_z, realv fibre,
+                      realv f_xy, realv f_yz, realv f_zx, realv f_xyz, const int physical) {
   Vec P;
   P.x = e->along_F.x * F_x + e->along_cof.x * cof_x;
   P.y = e->along_F.y * F_y + e->along_cof.y * cof_y;
   P.z = e->along_F.z * F_z + e->along_cof.z * cof_z;
-  if (e->has_own) {
+  if (e->has_fibre) {
+    P.x += fibre * e->fibre.pull.x;
+    P.y += fibre * e->fibre.pull.y;
+    P.z += fibre * e->fibre.pull.z;
+  } else if (e->has_own) {
     P.x += own_x;
     P.y += own_y;
     P.z += own_z;
@@ -213,19 +226,22 @@ INLINE FaceForce split_forces(Vec P, realv f_xy, realv f_yz, realv f_zx, realv f
 INLINE FaceForce element_force_x(const ElementForce* e, Face* carried, const int physical) {
   const Hourglass* f = &e->f;
   const Vec P = stress_row(e, e->F.xx, e->F.xy, e->F.xz, e->cof.xx, e->cof.xy, e->cof.xz, e->own.xx,
-                           e->own.xy, e->own.xz, f->xy.x, f->yz.x, f->zx.x, f->xyz.x, physical);
+                           e->own.xy, e->own.xz, e->fibre.along.x, f->xy.x, f->yz.x, f->zx.x, f->xyz.x,
+                           physical);
   return split_forces(P, f->xy.x, f->yz.x, f->zx.x, f->xyz.x, carried, 0);
 }
 INLINE FaceForce element_force_y(const ElementForce* e, Face* carried, const int physical) {
   const Hourglass* f = &e->f;
   const Vec P = stress_row(e, e->F.yx, e->F.yy, e->F.yz, e->cof.yx, e->cof.yy, e->cof.yz, e->own.yx,
-                           e->own.yy, e->own.yz, f->xy.y, f->yz.y, f->zx.y, f->xyz.y, physical);
+                           e->own.yy, e->own.yz, e->fibre.along.y, f->xy.y, f->yz.y, f->zx.y, f->xyz.y,
+                           physical);
   return split_forces(P, f->xy.y, f->yz.y, f->zx.y, f->xyz.y, carried, 1);
 }
 INLINE FaceForce element_force_z(const ElementForce* e, Face* carried, const int physical) {
   const Hourglass* f = &e->f;
   const Vec P = stress_row(e, e->F.zx, e->F.zy, e->F.zz, e->cof.zx, e->cof.zy, e->cof.zz, e->own.zx,
-                           e->own.zy, e->own.zz, f->xy.z, f->yz.z, f->zx.z, f->xyz.z, physical);
+                           e->own.zy, e->own.zz, e->fibre.along.z, f->xy.z, f->yz.z, f->zx.z, f->xyz.z,
+                           physical);
   return split_forces(P, f->xy.z, f->yz.z, f->zx.z, f->xyz.z, carried, 2);
 }
 

@@ -140,7 +140,7 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
     }
     const double lo = muscle.lambda_opt, at_line = std::exp(6.6 * (muscle.lambda_pas - 1));
     const double line =
-        muscle.printed_passive ? 2.18 * muscle.lambda_pas - 2.47 : 0.05 * (at_line - 1);
+        muscle.printed_passive ? -2.47 : 0.05 * (at_line - 1) - 2.18 * muscle.lambda_pas;
     const double constants[TLED_MUSCLE_CONSTANTS] = {
         muscle.sigma_act,           -25 / (4 * lo * lo), 25 / (2 * lo),
         muscle.sigma_pas,           muscle.lambda_pas,   line,

@@ -7,7 +7,7 @@
 #define MUSCLE_LINEAR 2         // 25/(2 lo)
 #define MUSCLE_SIGMA_PAS 3      // Pa
 #define MUSCLE_LAMBDA_PAS 4
-#define MUSCLE_LINE_OFFSET 5    // f_pas of the line at lambda_pas
+#define MUSCLE_LINE_OFFSET 5    // f_pas of the line at stretch 0
 #define MUSCLE_CALCIUM 6        // 1: the calcium law below instead
 #define MUSCLE_BETA 7           // its slope over stretch
 
@@ -22,19 +22,25 @@ INLINE realv calcium_tension(__global const real* constants, real activation, re
   return (activation * constants[MUSCLE_SIGMA_ACT]) * sigma / (square > zero ? square : one);
 }
 
-// Fibre stress over J, Pa.
+// The eighth of 6.6 (stretch - 1), as far as the exponential goes.
+INLINE realv passive_exponent(realv stretch, real lambda_pas) {
+  realv within = stretch > R(1.0) ? stretch : broadcast(R(1.0));
+  within = within < lambda_pas ? within : broadcast(lambda_pas);
+  return R(0.825) * within - R(0.825);
+}
+
+// Fibre stress over J, Pa. What takes longest comes last: much of an element waits for this.
 INLINE realv muscle_tension(__global const real* constants, real activation, realv stretch) {
   if (constants[MUSCLE_CALCIUM] > R(0.5)) return calcium_tension(constants, activation, stretch);
-  const realv zero = broadcast(R(0.0));
+  const real lambda_pas = constants[MUSCLE_LAMBDA_PAS], sigma_pas = constants[MUSCLE_SIGMA_PAS];
   realv active = stretch * (constants[MUSCLE_LINEAR] + stretch * constants[MUSCLE_SQUARE]) - R(5.25);
-  active = active > zero ? active : zero;
-  const real lambda_pas = constants[MUSCLE_LAMBDA_PAS];
-  realv within = stretch < lambda_pas ? stretch : broadcast(lambda_pas);
-  within = within > R(1.0) ? within - R(1.0) : zero;
-  realv passive = R(0.05) * (exponential(R(6.6) * within) - R(1.0));
-  realv line = constants[MUSCLE_LINE_OFFSET] + R(2.18) * (stretch - lambda_pas);
-  passive = stretch < lambda_pas ? passive : line;
-  return (activation * constants[MUSCLE_SIGMA_ACT]) * active + constants[MUSCLE_SIGMA_PAS] * passive;
+  active = active > R(0.0) ? active : broadcast(R(0.0));
+  active = (activation * constants[MUSCLE_SIGMA_ACT]) * active;
+  const realv on_line = active + sigma_pas * (constants[MUSCLE_LINE_OFFSET] + R(2.18) * stretch);
+  const real scale = R(0.05) * sigma_pas;
+  const realv on_curve =
+      (active - scale) + scale * exponential_of_eight(passive_exponent(stretch, lambda_pas));
+  return stretch < lambda_pas ? on_curve : on_line;
 }
 
 // Slope of muscle_tension over stretch, Pa.
@@ -53,9 +59,7 @@ INLINE realv muscle_tension_slope(__global const real* constants, real activatio
   const realv active = stretch * (linear + stretch * squared) - R(5.25);
   const realv active_slope = active > zero ? linear + stretch * (R(2.0) * squared) : zero;
   const real lambda_pas = constants[MUSCLE_LAMBDA_PAS];
-  realv within = stretch < lambda_pas ? stretch : broadcast(lambda_pas);
-  within = within > R(1.0) ? within - R(1.0) : zero;
-  realv passive_slope = R(0.33) * exponential(R(6.6) * within);
+  realv passive_slope = R(0.33) * exponential_of_eight(passive_exponent(stretch, lambda_pas));
   passive_slope = stretch > R(1.0) ? passive_slope : zero;
   passive_slope = stretch < lambda_pas ? passive_slope : broadcast(R(2.18));
   return sigma_act * active_slope + constants[MUSCLE_SIGMA_PAS] * passive_slope;
