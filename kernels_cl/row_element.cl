@@ -102,8 +102,9 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
   e->along_cof.y = along_cof * force.y;
   e->along_cof.z = along_cof * force.z;
   const int muscle = links[BLOCK_MUSCLE_BEGIN], n_muscles = links[BLOCK_MUSCLE_END] - muscle;
-  e->has_fibre = !has_laws && n_muscles == 1;
-  e->has_own = has_laws || n_muscles > 1;
+  // A GPU's work-item would hold the room for both in registers: there one muscle is a tensor as well.
+  e->has_fibre = TLED_VECTOR_ROWS && !has_laws && n_muscles == 1;
+  e->has_own = has_laws || n_muscles > (TLED_VECTOR_ROWS ? 1 : 0);
   if (e->has_fibre) {
     e->fibre = fibre_stress(t, muscle, force, k.F, k.J, lane);
   } else if (e->has_own) {
