@@ -65,7 +65,7 @@ class Prescribed:
         """A value for each node, whose reference positions are ``X`` (n, 3), at ``t`` (s)."""
         if not callable(self.value):
             return cast(Floats, self.value)
-        got = np.asarray(cast(FieldOfTime, self.value)(t, X.copy()), dtype=np.float64)
+        got = _numbers(cast(FieldOfTime, self.value)(t, X.copy()))
         if got.shape not in ((), (len(X),)) or not np.isfinite(got).all():
             raise InputError(
                 f"prescribe: component {'xyz'[self.component]}: the callable gave shape "
@@ -368,8 +368,16 @@ def _finite(value: Any, what: str, t: float) -> float:
     return number
 
 
+def _numbers(value: Any) -> Floats:
+    """An array; one NaN where the value is none, which is refused as any NaN is."""
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.full(1, np.nan)
+
+
 def _finite_vector(value: ArrayLike, what: str, t: float) -> Floats:
-    vector = np.asarray(value, dtype=np.float64)
+    vector = _numbers(value)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise InputError(f"{what}: got {value!r} at t = {t:g} s; allowed: three finite numbers")
     return vector
