@@ -13,6 +13,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from tledface._model_checks import checked_fill
 from tledface.conditions import BodyForce, Prescribed, Pressure
@@ -194,6 +195,21 @@ def load_model(path: str | Path) -> Model:
             ) from None
 
 
+def _direction_field(model: Model, tissue: str, name: str, field: Any) -> NDArray[np.float64]:
+    known = model.tissue_materials[model.tissues.index(tissue)].direction_names()
+    if name not in known:
+        raise InputError(
+            f"tissue {tissue!r} has no direction {name!r}; allowed: {', '.join(known)}"
+        )
+    if field.shape != (model.n_elements, 3) or not np.isfinite(field).all():
+        raise InputError(
+            f"direction {name!r} of {tissue!r} has shape {field.shape}; allowed: finite "
+            f"({model.n_elements}, 3)"
+        )
+    result: NDArray[np.float64] = field
+    return result
+
+
 def read_model(file: h5py.Group) -> Model:
     """Read the model of an open file or group, bit for bit as it was written.
 
@@ -202,10 +218,12 @@ def read_model(file: h5py.Group) -> Model:
     model = _read_elements(file)
     for name, group in zip(model.tissues, numbered(file, "tissues"), strict=True):
         if "direction_fields" in group:
-            fields = {key: data[()] for key, data in group["direction_fields"].items()}
-            model.set_directions(name, fields)
-            # Normalising a unit vector again may move its last bit, and a restart would differ.
-            model.directions[name] = fields
+            # Not by set_directions: that would normalise again, which may move a last bit, and it
+            # refuses a tissue whose elements have become another's since.
+            model.directions[name] = {
+                key: _direction_field(model, name, key, data[()])
+                for key, data in group["direction_fields"].items()
+            }
     model.gravity = file.attrs["gravity"]
     fixed = file["fixed"][()].astype(bool)
     if fixed.shape != model.fixed.shape:
