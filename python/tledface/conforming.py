@@ -177,9 +177,13 @@ def _tissues_of(
     mesh: meshio.Mesh,
     path: Path,
 ) -> tuple[list[str], list[Material], Floats]:
-    # Names of regions, where the file has them: name -> (number, dimension).
-    numbers = {name: int(np.asarray(data).reshape(-1)[0]) for name, data in mesh.field_data.items()}
-    names_of = {number: name for name, number in numbers.items()}
+    # Names of regions, where the file has them: name -> (number, dimension). Groups of surfaces
+    # have numbers of their own.
+    names_of = {}
+    for name, data in mesh.field_data.items():
+        number, *dimension = np.asarray(data).reshape(-1).tolist()
+        if dimension in ([], [3]):
+            names_of[int(number)] = name
     names, laws, fractions = [], [], []
     for number in np.unique(region).tolist():
         name = names_of.get(number, str(number))
