@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,6 +55,22 @@ def checked_cells(cells: ArrayLike) -> NDArray[np.int32]:
     return np.array(grid, dtype=np.int32, order="C")
 
 
+def checked_name(what: str, given: Any) -> str:
+    """Return a name, or refuse what is none, or none in files."""
+    if not isinstance(given, str) or not given.strip() or "\0" in given:
+        raise InputError(f"{what}: name must be a non-empty text without NUL, got {given!r}")
+    return given
+
+
+def checked_material(what: str, given: Any) -> Material:
+    """Return a material, or refuse what is none."""
+    if not isinstance(given, Material):
+        raise InputError(
+            f"{what}: got {given!r} as material; allowed: what tledface.material gives"
+        )
+    return given
+
+
 def checked_tissues(tissues: Sequence[str], materials: Sequence[Material]) -> list[str]:
     """Return distinct tissue names, one per material."""
     names = list(tissues)
@@ -61,6 +78,8 @@ def checked_tissues(tissues: Sequence[str], materials: Sequence[Material]) -> li
         raise InputError(f"tissues: got {names}, need one or more distinct names")
     if len(materials) != len(names):
         raise InputError(f"tissues: {len(names)} names but {len(materials)} materials")
+    for given in materials:
+        checked_material("tissues", given)
     return names
 
 

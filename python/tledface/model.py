@@ -23,6 +23,7 @@ from tledface._model_checks import (
     checked_fibre,
     checked_fill,
     checked_fractions,
+    checked_name,
     checked_section,
     checked_tissues,
     checked_weight,
@@ -361,8 +362,7 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
         Raises:
             InputError: any of the above does not hold, or ``where`` selects nothing.
         """
-        if not isinstance(name, str) or not name.strip():
-            raise InputError(f"muscle: name must be a non-empty text, got {name!r}")
+        checked_name("muscle", name)
         if any(muscle.name == name for muscle in self.muscles):
             raise InputError(f"muscle {name!r}: the model has one already; choose another name")
         mask = self._select(where, self.centres, f"muscle {name!r}: where", "element")
