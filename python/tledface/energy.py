@@ -165,6 +165,8 @@ class EnergyLedger:
                 self._largest,
                 self._last_time,
                 self._rubbed,
+                self._rubbed_before,
+                self._rubbed_in_core(),
             ]
         )
         if self._last is None:
@@ -179,7 +181,7 @@ class EnergyLedger:
         return {"sums": sums, "stored": np.array(stored), **arrays}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go on from what `state` gave."""
+        """Go on from what `state` gave; the core has its state already."""
         (
             self._start,
             self._muscle,
@@ -190,8 +192,13 @@ class EnergyLedger:
             self._last_time,
             *rubbed,
         ) = map(float, state["sums"])
-        # Files of before there was friction have none.
+        # Files of before there was friction have none, later ones no counter.
         self._rubbed = rubbed[0] if rubbed else 0.0
+        in_core = self._rubbed_in_core()
+        before, counter = rubbed[1:] if len(rubbed) > 1 else (in_core, in_core)
+        # A core that could not take its counter over counts from 0: what was rubbed since the last
+        # entry is owed still.
+        self._rubbed_before = before + (in_core - counter)
         if "stored" in state:
             kinetic, strain, hourglass, power = map(float, state["stored"])
             arrays = {key: np.asarray(state[key]) for key in ("u", "external", "muscle")}
