@@ -186,7 +186,6 @@ def _read(
         state.pop("sliding", None)  # arranged as its device needs it; sought again
     if layout["lanes"] != sim._core.lanes:
         state = _moved(state, layout, sim, path)
-        sim._watch.stale = True  # levels of subcycling are those of other blocks
     sim._core.set_raw_state(**state)
     sim._applied = Values(**{key: data[()] for key, data in file["applied"].items()})
     if sim._ledger is not None:
@@ -197,6 +196,8 @@ def _read(
     for key in _WATCH:
         if key in watch:  # older files have no bound_then, iterated_at, pace
             setattr(sim._watch, key, watch[key])
+    if layout["lanes"] != sim._core.lanes:
+        sim._watch.stale = True  # levels of subcycling are those of other blocks
     if unlike:
         warnings.warn(f"checkpoint {path}: {unlike}; not bit for bit", stacklevel=4)
     return sim
