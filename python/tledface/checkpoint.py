@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tledface import device as device_module
 from tledface.conditions import Values
-from tledface.errors import InputError
+from tledface.errors import InputError, SimulationError
 from tledface.io._atomic import atomic_path
 from tledface.io.model_file import UNITS, read_model, write_model
 from tledface.io.schedules import read_schedule, write_schedule
@@ -122,8 +122,8 @@ def restore(
         opened, unlike = _find_device(file, device)
         try:
             return _read(file, Path(path), opened, unlike, activations or {})
-        except InputError:
-            raise
+        except (InputError, SimulationError):
+            raise  # what was asked for, or the device: the file may be whole
         except (KeyError, OSError, TypeError, ValueError, IndexError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise DamagedCheckpoint(f"checkpoint {path}: damaged ({reason})") from None

@@ -12,7 +12,7 @@ import pytest
 
 import tledface as tf
 from tledface import checkpoint
-from tledface.errors import InputError
+from tledface.errors import InputError, SimulationError
 from tledface.schedule import Keyframes
 
 
@@ -245,6 +245,19 @@ def test_damage_is_one_line(damage, message, tmp_path):
         tf.Simulator.restore(path)
     assert "\n" not in str(raised.value)
     assert str(path) in str(raised.value)
+
+
+def test_a_device_that_fails_is_no_damage(tmp_path, monkeypatch):
+    """The file may be whole: it says what the device said."""
+    path = tmp_path / "c.h5"
+    make_sim(device="native").checkpoint(path)
+
+    def fails(*_arguments, **_options):
+        raise SimulationError("opencl:0: kernels do not compile")
+
+    monkeypatch.setattr(tf.Simulator, "__init__", fails)
+    with pytest.raises(SimulationError, match=r"^opencl:0: kernels do not compile$"):
+        tf.Simulator.restore(path)
 
 
 def test_no_such_folder(tmp_path):
