@@ -191,7 +191,9 @@ class Simulator(Results):
         self._ledger = (
             None
             if self._energy_every is None
-            else ledger_of(self._core, model, scaled, self._options, self._name_of)
+            else ledger_of(
+                self._core, model, scaled, self._options, self._conditions.carried, self._name_of
+            )
         )
         self._until_entry = 0
 

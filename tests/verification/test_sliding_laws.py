@@ -150,6 +150,25 @@ def test_a_moving_surface_does_its_work(figure):
     figure("balance error over the work of lifting", abs(energies["error"]) / lifted, at_most=0.02)
 
 
+@pytest.mark.parametrize("friction", [0.0, 0.3, 5.0])
+def test_a_moving_surface_that_rubs_does_its_work(figure, friction):
+    """A belt under a block that one end holds: it slips, or sticks and strains the block."""
+    model, lower = slab(cells=(8, 6, 6))
+    model.slide(lower, plane(), "belt", friction=friction)
+    model.fix(lambda x: x[:, 0] < x[:, 0].min() + 1e-9, "x")
+    model.gravity = (0.0, 0.0, -3 * G)
+    share = tf.ramp(0.0, 1.0, 8e-3, shape="cosine")
+    model.move_surface("belt", tf.RigidMotion(shift=(1e-3, 0.0, 0.0), share=share))
+    sim = tf.Simulator(model, device="native", precision="double", damping=30.0, energy_every=1)
+    sim.run(until=9e-3)
+    energies = sim.energies
+    print(energies)
+    held = energies["kinetic"] + energies["strain"] + energies["hourglass"] + energies["damping"]
+    assert (energies["friction"] > held) == (friction == 0.3)
+    figure(f"friction {friction:g}: balance error over external work",
+           abs(energies["error"]) / energies["external"], at_most=0.02)  # fmt: skip
+
+
 @pytest.mark.parametrize("release", [False, True])
 def test_a_node_that_may_leave_does(executor, release):
     """Pulled off its surface, and pressed on it."""
