@@ -207,9 +207,7 @@ def _read(
 
 
 def _write_schedules(sim: Simulator, group: h5py.Group) -> None:
-    for number, (muscle, schedule) in enumerate(
-        zip(sim.model.muscles, sim._schedules, strict=True)
-    ):
+    for number, (muscle, schedule) in enumerate(zip(sim._muscles, sim._schedules, strict=True)):
         entry = group.create_group(str(number))
         entry.attrs["muscle"] = muscle.name
         write_schedule(schedule, entry)
