@@ -445,7 +445,9 @@ class Simulator(Results):
         simulated: leave it alone after making the simulator.
 
         Raises:
-            InputError: no such folder, or it is not writable.
+            InputError: no such folder, it is not writable, or the model has a callable that no file
+                can hold (`Model.prescribe`, `Model.body_force`, `Model.pressure`,
+                `Model.move_surface`).
             OSError: the disk is full; an earlier file of that name stays whole.
 
         Example: ``sim.checkpoint("c.h5"); sim = tf.Simulator.restore("c.h5")``.
