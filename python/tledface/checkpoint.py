@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tledface import device as device_module
 from tledface.conditions import Values
-from tledface.errors import InputError
+from tledface.errors import InputError, SimulationError
 from tledface.io._atomic import atomic_path
 from tledface.io.model_file import UNITS, read_model, write_model
 from tledface.io.schedules import read_schedule, write_schedule
@@ -122,8 +122,8 @@ def restore(
         opened, unlike = _find_device(file, device)
         try:
             return _read(file, Path(path), opened, unlike, activations or {})
-        except InputError:
-            raise
+        except (InputError, SimulationError):
+            raise  # what was asked for, or the device: the file may be whole
         except (KeyError, OSError, TypeError, ValueError, IndexError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise DamagedCheckpoint(f"checkpoint {path}: damaged ({reason})") from None
@@ -186,7 +186,6 @@ def _read(
         state.pop("sliding", None)  # arranged as its device needs it; sought again
     if layout["lanes"] != sim._core.lanes:
         state = _moved(state, layout, sim, path)
-        sim._watch.stale = True  # levels of subcycling are those of other blocks
     sim._core.set_raw_state(**state)
     sim._applied = Values(**{key: data[()] for key, data in file["applied"].items()})
     if sim._ledger is not None:
@@ -197,6 +196,8 @@ def _read(
     for key in _WATCH:
         if key in watch:  # older files have no bound_then, iterated_at, pace
             setattr(sim._watch, key, watch[key])
+    if layout["lanes"] != sim._core.lanes:
+        sim._watch.stale = True  # levels of subcycling are those of other blocks
     if unlike:
         warnings.warn(f"checkpoint {path}: {unlike}; not bit for bit", stacklevel=4)
     return sim
@@ -206,9 +207,7 @@ def _read(
 
 
 def _write_schedules(sim: Simulator, group: h5py.Group) -> None:
-    for number, (muscle, schedule) in enumerate(
-        zip(sim.model.muscles, sim._schedules, strict=True)
-    ):
+    for number, (muscle, schedule) in enumerate(zip(sim._muscles, sim._schedules, strict=True)):
         entry = group.create_group(str(number))
         entry.attrs["muscle"] = muscle.name
         write_schedule(schedule, entry)

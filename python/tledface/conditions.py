@@ -174,7 +174,8 @@ class Sampler:
         for record in self._fields:
             self.core.add_fields(3 * record.nodes + record.component)
         self._positions = [model.nodes[record.nodes] for record in self._fields]
-        surfaces = [model.sliding.surfaces[n] for n in model.sliding.moving]
+        self._sliding = model.sliding  # the model's may be another later
+        surfaces = [self._sliding.surfaces[n] for n in self._sliding.moving]
         self._motions = [(s.name, s.motion) for s in surfaces if s.motion is not None]
 
     @property
@@ -275,7 +276,7 @@ class Sampler:
             x: (n_nodes, 3) m, where nodes are at ``begin``.
             begin, end: s.
         """
-        sliding = self.model.sliding
+        sliding = self._sliding
         ways = np.zeros((len(sliding), 3))
         for index in sliding.moving:
             motion, on = sliding.surfaces[index].motion, sliding.surface == index

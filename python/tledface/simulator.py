@@ -81,7 +81,8 @@ class Simulator(Results):
     Raises:
         InputError: a value out of range, a ``dt`` above the bound, no such device.
 
-    Sliding nodes keep their distances to their surfaces, without friction, in every step.
+    Sliding nodes keep their distances to their surfaces in every step; `Model.slide` says which rub
+    and which may leave.
     """
 
     def __init__(
@@ -109,6 +110,11 @@ class Simulator(Results):
         self._time_scaling = checked_time_scaling(time_scaling, model)
         subcycling = checked_subcycling(subcycling)
         self.model = model
+        # What is read again later, as it is now; records, surfaces and muscles never change.
+        self._muscles = tuple(model.muscles)
+        self._prescribed = prescribed_mask(model)
+        self._held = model.fixed | self._prescribed
+        self._sliding = model.sliding
         self._options: dict[str, Any] = {
             "precision": precision,
             "damping": float(damping),
@@ -129,7 +135,7 @@ class Simulator(Results):
         tune_recording(self._device)
         density = model.element_parameters()["density"]
         self._schedules = [Constant(0.0) for _ in model.muscles]
-        sliding = core_sliding(model)
+        surfaces = core_sliding(model)
 
         def make(relief: float, sliding: _core.SlidingNodes | None) -> NDArray[np.float64]:
             scaled = scaled_density(core_model(model), density, scaling, relief)
@@ -179,7 +185,7 @@ class Simulator(Results):
                     break
             else:
                 relief = RELIEFS[-1]
-        scaled = make(relief, sliding)
+        scaled = make(relief, surfaces)
         self._watch = watch()
         if subcycling is not False:
             self._options["subcycling"] = self.substeps
@@ -191,7 +197,9 @@ class Simulator(Results):
         self._ledger = (
             None
             if self._energy_every is None
-            else ledger_of(self._core, model, scaled, self._options, self._name_of)
+            else ledger_of(
+                self._core, model, scaled, self._options, self._conditions.carried, self._name_of
+            )
         )
         self._until_entry = 0
 
@@ -210,7 +218,7 @@ class Simulator(Results):
         Raises:
             InputError: no muscle of that name, or a value outside 0..1.
         """
-        names = [m.name for m in self.model.muscles]
+        names = [m.name for m in self._muscles]
         if muscle not in names:
             known = ", ".join(names) if names else "none"
             raise InputError(f"activate: got muscle {muscle!r}; this model has: {known}")
@@ -314,12 +322,11 @@ class Simulator(Results):
         start = self._applied
         if start.fields.shape != target.fields.shape:
             start = replace(start, fields=target.fields)
-        prescribed = prescribed_mask(self.model)
         info = relax(
             self._core,
-            held=self.model.fixed | prescribed,
-            prescribed=prescribed,
-            sliding=self.model.sliding,
+            held=self._held,
+            prescribed=self._prescribed,
+            sliding=self._sliding,
             edge=self.model.shortest_edge,
             extent=float(np.ptp(self.model.nodes, axis=0).max()),
             start=start,
@@ -438,7 +445,9 @@ class Simulator(Results):
         simulated: leave it alone after making the simulator.
 
         Raises:
-            InputError: no such folder, or it is not writable.
+            InputError: no such folder, it is not writable, or the model has a callable that no file
+                can hold (`Model.prescribe`, `Model.body_force`, `Model.pressure`,
+                `Model.move_surface`).
             OSError: the disk is full; an earlier file of that name stays whole.
 
         Example: ``sim.checkpoint("c.h5"); sim = tf.Simulator.restore("c.h5")``.
@@ -535,7 +544,7 @@ class Simulator(Results):
         )
 
     def _name_of(self, element: int) -> str:
-        for muscle in self.model.muscles:
+        for muscle in self._muscles:
             if element in muscle.elements:
                 return muscle.name
         return self.model.tissue_of(element)

@@ -12,7 +12,7 @@ import pytest
 
 import tledface as tf
 from tledface import checkpoint
-from tledface.errors import InputError
+from tledface.errors import InputError, SimulationError
 from tledface.schedule import Keyframes
 
 
@@ -245,6 +245,36 @@ def test_damage_is_one_line(damage, message, tmp_path):
         tf.Simulator.restore(path)
     assert "\n" not in str(raised.value)
     assert str(path) in str(raised.value)
+
+
+def test_a_device_that_fails_is_no_damage(tmp_path, monkeypatch):
+    """The file may be whole: it says what the device said."""
+    path = tmp_path / "c.h5"
+    make_sim(device="native").checkpoint(path)
+
+    def fails(*_arguments, **_options):
+        raise SimulationError("opencl:0: kernels do not compile")
+
+    monkeypatch.setattr(tf.Simulator, "__init__", fails)
+    with pytest.raises(SimulationError, match=r"^opencl:0: kernels do not compile$"):
+        tf.Simulator.restore(path)
+
+
+@pytest.mark.parametrize("options", [{"mass_scaling": {"dt": 5e-6}}, {"time_scaling": 2.0}])
+def test_the_page_names_all_that_is_in_the_file(options, tmp_path):
+    page = Path(__file__).parents[2] / "docs" / "reference" / "checkpoint-file.md"
+    text = page.read_text(encoding="utf-8")
+    path = tmp_path / "c.h5"
+    sim = make_sim(device="native", energy_every=5, subcycling=2, **options)
+    sim.step(7)
+    sim.checkpoint(path)
+    with h5py.File(path) as file:
+        named = list(file.attrs) + list(file)
+        for group in ("options", "device", "watch", "ledger", "state", "state/layout"):
+            named += [*file[group].attrs, *file[group]]
+        named += list(file["state/arrays"])
+    unnamed = [name for name in named if f"`{name}`" not in text and f"/{name}`" not in text]
+    assert [name for name in unnamed if name != "schedules"] == []  # they have numbers there
 
 
 def test_no_such_folder(tmp_path):

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from tledface import checkpoint
 from tledface.cli import app
-from tledface.errors import InputError
+from tledface.errors import InputError, SimulationError
 from tledface.examples import flat_block
 from tledface.io.vtkhdf import VTKHDFWriter
 from tledface.run import resume_run, run_scene
@@ -139,6 +139,19 @@ def test_what_cannot_go_on_is_named(stopped, whole, tmp_path):
     with pytest.raises(InputError, match=r"before its first checkpoint; run it again with --force"):
         resume_run(stopped, quiet=True)
     assert facts(stopped)["state"] == "interrupted"
+
+
+def test_a_device_that_fails_costs_no_checkpoint(stopped, whole, monkeypatch):
+    """No advice to begin anew: the same checkpoint goes on where the device works."""
+
+    def fails(*_arguments, **_options):
+        raise SimulationError("opencl:0: kernels do not compile")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tledface.Simulator.__init__", fails)
+        with pytest.raises(SimulationError, match=r"^opencl:0: kernels do not compile$"):
+            resume_run(stopped, quiet=True)
+    assert_same(resume_run(stopped, quiet=True), whole)
 
 
 def test_a_lost_model_is_damage(stopped):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import tledface as tf
 from conftest import required, unless_required
@@ -245,3 +246,47 @@ def test_reading_from_another_thread_does_not_disturb_the_steps(executor):
         return sim.u
 
     assert np.array_equal(run(True), run(False))
+
+
+def changed_later(change):
+    """Simulators of one model: of the second, ``change`` follows."""
+    sims = []
+    for _ in range(2):
+        model = small_model()
+        sims.append(tf.Simulator(model, device="native", precision="double", damping=50.0))
+    change(sims[1].model)
+    return sims
+
+
+def more_fixed(model):
+    model.fix(lambda X: X[:, 0] > X[:, 0].max() - 1e-9)
+
+
+def more_prescribed(model):
+    model.prescribe(lambda X: X[:, 0] > X[:, 0].max() - 1e-9, {"z": 1e-4})
+
+
+def more_sliding(model):
+    far = model.nodes[:, 0].max()
+    wall = trimesh.creation.box((0.01, 0.1, 0.1)).apply_translation((far + 0.006, 0.0, 0.0))
+    model.slide(lambda X: X[:, 0] > far - 1e-9, wall)
+
+
+def more_muscles(model):
+    model.add_muscle("late", np.ones(model.n_elements, bool), (1, 0, 0), sigma_act=1e3)
+
+
+@pytest.mark.parametrize("change", [more_fixed, more_prescribed, more_sliding, more_muscles])
+def test_later_changes_to_the_model_are_not_seen(change):
+    def everything(sim):
+        sim.activate("m", 0.3)
+        sim.step(5)
+        held = sim.reaction(np.ones(sim.model.n_nodes, bool))
+        assert sim.relax(1e-3).converged
+        return held, sim.u, sim.reaction(np.ones(sim.model.n_nodes, bool))
+
+    first, second = changed_later(change)
+    for one, other in zip(everything(first), everything(second), strict=True):
+        np.testing.assert_array_equal(one, other)
+    with pytest.raises(InputError, match="got muscle 'late'; this model has: m"):
+        second.activate("late", 0.1)
