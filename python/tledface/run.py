@@ -64,7 +64,8 @@ def run_scene(
     ``frames_surface.vtkhdf`` (the skin over time, with the stress under it), ``skin.ply`` (the skin
     at the end, m), an OBJ file for each of ``[[surfaces]]``, ``wrinkles.png`` and ``run.json``.
     Nothing is written before model and simulator stand. A run that fails midway keeps its frames,
-    and its checkpoints (``[output] checkpoint_every``) for `resume_run`.
+    and its checkpoints (``[output] checkpoint_every``) for `resume_run`. While it lasts other
+    processes are refused the folder, with ``force`` too.
 
     Arguments: ``device`` as for ``Simulator``; ``force`` replaces an earlier run in ``out_dir``;
     ``model``, the scene's model where it is built already; ``about``, more for ``run.json``.
@@ -80,10 +81,11 @@ def run_scene(
         sim = simulator_of(scene, model, opened)
     facts: dict[str, Any] = {**(about or {}), "scene": str(scene.path) if scene.path else None}
     parts = ["frames.part.vtkhdf", "frames_surface.part.vtkhdf"]
-    folder.begin(facts, files=[*(x.name for x in _files(folder.path, model).values()), *parts])
-    remove_from(folder.path)
     work = partial(_simulate, scene, sim, folder.path, opened.info.name, quiet=quiet)
-    return _recorded(work, sim, folder, facts)
+    with folder.held():
+        folder.begin(facts, files=[*(x.name for x in _files(folder.path, model).values()), *parts])
+        remove_from(folder.path)
+        return _recorded(work, sim, folder, facts)
 
 
 def resume_run(directory: str | Path, *, device: Any = None, quiet: bool = False) -> RunResult:
@@ -97,15 +99,28 @@ def resume_run(directory: str | Path, *, device: Any = None, quiet: bool = False
     Raises InputError (no run, one that is finished or still going on, no checkpoint, no such
     device) and SimulationError (a state that is not finite).
     """
+    _unfinished(directory)
+    folder = OutputFolder(directory, force=True)
+    opened = None if device is None else device_module.resolve(device)
+    with folder.held():
+        # Looked at again: the run may have come to its end just before it gave the folder free.
+        return _go_on(folder, _unfinished(directory), opened, quiet=quiet)
+
+
+def _unfinished(directory: str | Path) -> dict[str, Any]:
+    """What ``run.json`` says of a run that has not come to its end; raises InputError else."""
     about = earlier_run(Path(directory))
     if about is None:
         raise InputError(f"resume {directory}: no run; give the folder of `tledface run`")
     if about.get("state") == "finished":
         raise InputError(f"resume {directory}: the run is finished; there is nothing to resume")
-    folder = OutputFolder(directory, force=True)
-    opened = None if device is None else device_module.resolve(device)
+    return about
+
+
+def _go_on(folder: OutputFolder, about: dict[str, Any], device: Any, *, quiet: bool) -> RunResult:
+    """Restore the last checkpoint in a folder that this process holds, and run to the end."""
     with spinner("restoring the simulation", quiet=quiet):
-        sim, notes = newest_whole(folder.path, opened)
+        sim, notes = newest_whole(folder.path, device)
         scene = load_scene(folder.path / MODEL_FILE)
     path, surface = _files(folder.path, sim.model)["frames"], _shown_surface(sim.model)
     writer = VTKHDFWriter.reopen(path, sim.model, surface, keep=notes["frames"])
