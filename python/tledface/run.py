@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
@@ -425,4 +426,10 @@ def _folds(scene: Scene, model: Model, surface: str, u: NDArray[np.float64]) -> 
         for muscle in scene.muscles
     }
     outer = scene.geometry.outer
-    return measure_folds(model, surface, u, levels, None if isinstance(outer, str) else outer)
+    try:
+        return measure_folds(model, surface, u, levels, None if isinstance(outer, str) else outer)
+    except Exception as error:
+        # The simulation is done and its frames are there: a figure less does not undo that.
+        line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        warnings.warn(f"folds not measured ({line}); the run is whole without them", stacklevel=2)
+        return None

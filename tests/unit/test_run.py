@@ -102,6 +102,18 @@ def test_a_failed_run_keeps_its_frames_and_says_so(scene, tmp_path, monkeypatch)
     assert names(out) == FILES
 
 
+def test_folds_that_cannot_be_measured_fail_no_run(scene, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise InputError("line profile: too short\nmore")
+
+    monkeypatch.setattr("tledface.folds.measure_folds", refuse)
+    with pytest.warns(UserWarning, match=r"^folds not measured \(line profile: too short\); "):
+        result = run_scene(scene, tmp_path / "out", quiet=True)
+    assert result.folds is None
+    assert names(tmp_path / "out") == FILES
+    assert earlier_run(tmp_path / "out")["state"] == "finished"
+
+
 def test_a_built_model_runs_without_its_surfaces(scene, tmp_path):
     path = tmp_path / "model.h5"
     save_built(scene, scene.build(), path)
