@@ -285,6 +285,7 @@ def _simulate(
             frames.settle()  # those that it counts are in the file
             now = {
                 "frames": frames.count,
+                "next_frame": frames.next,
                 "last_time": frames.last_time,
                 "wall": time.perf_counter() - started,
             }
@@ -292,7 +293,7 @@ def _simulate(
 
         def on_tick(sim: Simulator) -> None:
             bar.update(sim.time, f"t = {sim.time * pace * 1e3:.2f} ms")
-            if frames.due(sim.time + 0.51 * sim.dt):
+            if frames.due(sim):
                 frames.take(sim)
             if checkpoints.due(sim):
                 take_checkpoint(sim)
@@ -331,7 +332,10 @@ def _simulate(
 
 
 class _Frames(FrameQueue):
-    """Frames at equal times, the first at the start, written at ``pace`` times their time."""
+    """Frames at equal times, the first at the start, written at ``pace`` times their time.
+
+    A step gives one frame at most: where several fall on it, the first stands for all.
+    """
 
     def __init__(
         self,
@@ -344,16 +348,22 @@ class _Frames(FrameQueue):
         super().__init__(self._append)
         self._writer, self._surface, self._fps, self._pace = writer, surface, fps, pace
         self.count: int = notes["frames"]
+        self.next: int = notes.get("next_frame", self.count)
         self.last_time: float = notes["last_time"]
 
-    def due(self, now: float) -> bool:
-        return now >= self.count / self._fps
+    def due(self, sim: Simulator) -> bool:
+        return sim.time > self.last_time and self._reached(sim) >= self.next / self._fps
 
     def take(self, sim: Simulator) -> None:
         self.make_room()  # before there is one more snapshot
         self.put(sim.snapshot())
         self.count += 1
+        self.next = max(self.next, math.floor(self._reached(sim) * self._fps)) + 1
         self.last_time = sim.time
+
+    def _reached(self, sim: Simulator) -> float:
+        """Times up to here are nearer to this step than to the next."""
+        return sim.time + 0.51 * sim.dt
 
     def _append(self, snapshot: Snapshot) -> None:
         u = snapshot.u  # first, since it raises where the state is not finite

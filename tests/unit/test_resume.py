@@ -4,6 +4,7 @@ import errno
 import json
 import os
 
+import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -167,6 +168,25 @@ def test_force_replaces_a_stopped_run_with_all_it_left(scene, stopped, whole):
     with pytest.raises(InputError, match="--force"):
         run_scene(scene, stopped, device="native", quiet=True)
     assert_same(run_scene(scene, stopped, device="native", quiet=True, force=True), whole)
+
+
+def test_a_run_with_more_frames_than_steps_goes_on(scene, tmp_path, monkeypatch):
+    text = scene.path.read_text().replace('"6 ms"', '"1 ms"').replace("fps = 1000", "fps = 60000")
+    path = scene.path.with_name("many.toml")
+    path.write_text(text.replace('every = "1 ms"', 'every = "0.2 ms"'))
+    many = Scene.load(path)
+    whole = run_scene(many, tmp_path / "whole", device="native", quiet=True)
+    assert whole.frames == whole.steps + 1
+    stop_at(monkeypatch, 4)
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(many, tmp_path / "out", device="native", quiet=True)
+    monkeypatch.undo()
+    assert_same(resume_run(tmp_path / "out", quiet=True), whole)
+    times = []
+    for folder in ("whole", "out"):
+        with h5py.File(tmp_path / folder / "frames.vtkhdf") as file:
+            times.append(file["VTKHDF/Steps/Values"][: whole.frames])
+    np.testing.assert_array_equal(*times)
 
 
 def test_others_are_refused_while_a_run_goes_on(scene, whole, tmp_path, monkeypatch):

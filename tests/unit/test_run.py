@@ -114,6 +114,20 @@ def test_folds_that_cannot_be_measured_fail_no_run(scene, tmp_path, monkeypatch)
     assert earlier_run(tmp_path / "out")["state"] == "finished"
 
 
+def test_more_frames_than_steps_give_one_a_step(tmp_path, monkeypatch):
+    fake_run.install(monkeypatch)
+    text = fake_run.SCENE.replace("fps = 500", "fps = 250000")
+    text = text.replace('duration = "10 ms"', 'duration = "0.2 ms"')
+    scene = Scene.load(fake_run.write_scene(tmp_path, text))
+    result = run_scene(scene, tmp_path / "out", quiet=True)
+    assert result.frames == 21
+    for name in ("frames", "frames_surface"):
+        with h5py.File(tmp_path / "out" / f"{name}.vtkhdf") as file:
+            times = file["VTKHDF/Steps/Values"][:]
+            assert file["VTKHDF/Steps"].attrs["NSteps"] == 21
+        np.testing.assert_allclose(times, np.arange(21) * 1e-5, atol=1e-12)
+
+
 def test_a_built_model_runs_without_its_surfaces(scene, tmp_path):
     path = tmp_path / "model.h5"
     save_built(scene, scene.build(), path)
