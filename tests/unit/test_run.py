@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 import fake_run
+from tledface.constitutive import material
 from tledface.errors import InputError, SimulationError
 from tledface.model import Model
 from tledface.output import earlier_run
@@ -139,6 +140,19 @@ def test_a_built_model_runs_without_its_surfaces(scene, tmp_path):
     run_scene(loaded, tmp_path / "out", model=model, quiet=True)
     assert names(tmp_path / "out") == FILES
     assert not list(tmp_path.glob("*.part*"))
+
+
+def test_a_scene_with_python_objects_comes_back_from_its_model_file(scene, tmp_path):
+    tables = fake_run.scene_tables()
+    tables["muscles"][0]["activation"] = Ramp(np.float64(0.0), 0.7, 3e-5, 1e-3, "cosine")
+    tables["layers"][0]["material"] = material(
+        "mooney_rivlin", c10=1e3, bulk_modulus=1e5, density=1e3, prony=[(0.2, 0.01)]
+    )
+    made = Scene.from_dict(tables, tmp_path)
+    save_built(made, made.build(), tmp_path / "model.h5")
+    loaded, _ = load_run(tmp_path / "model.h5")
+    assert loaded.layers == made.layers
+    assert loaded.muscles[0].activation == tables["muscles"][0]["activation"]
 
 
 def test_a_model_without_scene_is_named(tmp_path):
