@@ -398,6 +398,12 @@ def test_load_names_the_file(tmp_path):
         Scene.load(path)
 
 
+def test_a_byte_order_mark_is_passed_over(folder):
+    path = folder / "marked.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + template_text().encode())
+    assert Scene.load(path).units == "mm"
+
+
 def test_files_need_not_exist_where_the_model_is_built(tables):
     scene = Scene.from_dict(tables, check_files=False)
     assert scene.geometry.skin == Path("skin.stl")

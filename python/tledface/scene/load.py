@@ -57,7 +57,7 @@ class Scene(SceneTables):
         if other := _not_a_scene(path):
             raise InputError(f"{path}: {other}")
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with its mark
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: cannot be read as text ({error})") from None
         try:
