@@ -5,6 +5,7 @@ import json
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tledface.constitutive import material, materials
@@ -194,6 +195,21 @@ def test_an_object_no_file_could_hold_is_refused(folder, tables, monkeypatch):
         InputError, match=r"^scene: muscles\[0\]\.activation: got Constant.*allowed"
     ):
         Scene.from_dict(put(tables, ["muscles", 0, "activation"], Constant(0.5)), folder)
+
+
+def test_numbers_and_arrays_of_numpy_are_taken(folder, tables):
+    plain = Scene.from_dict(put(tables, ["geometry", "samples"], 4), folder)
+    given = put(tables, ["geometry", "samples"], np.int32(4))
+    given = put(given, ["geometry", "voxel"], np.full(3, 0.5))
+    given = put(given, ["output", "fps"], np.int64(tables["output"]["fps"]))
+    given = put(given, ["solver", "subcycling"], np.False_)
+    scene = Scene.from_dict(given, folder)
+    assert (scene.geometry, scene.output, scene.solver) == (
+        plain.geometry,
+        plain.output,
+        plain.solver,
+    )
+    assert json.loads(json.dumps(scene.source)) == scene.source
 
 
 def test_last_layer_takes_the_rest_even_with_a_thickness(folder, tables):
