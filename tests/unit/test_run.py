@@ -1,6 +1,7 @@
 """A run from scene to files, with a simulator that makes waves without computing."""
 
 import json
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -12,7 +13,7 @@ from tledface.constitutive import material
 from tledface.errors import InputError, SimulationError
 from tledface.model import Model
 from tledface.output import earlier_run
-from tledface.run import load_run, run_scene, save_built
+from tledface.run import _Frames, load_run, run_scene, save_built
 from tledface.scene import Scene
 from tledface.schedule import Ramp
 
@@ -101,6 +102,35 @@ def test_a_failed_run_keeps_its_frames_and_says_so(scene, tmp_path, monkeypatch)
     monkeypatch.setattr(fake_run.FakeSimulator, "fail_at", np.inf)
     run_scene(scene, out, quiet=True, force=True)
     assert names(out) == FILES
+
+
+def test_frames_passed_by_long_steps_are_not_made_up_for_in_short_ones():
+    def frames(notes):
+        made = _Frames(None, None, 30e3, 1.0, notes)
+        made.put = lambda snapshot: None
+        return made
+
+    def taken(made, steps):
+        found = []
+        for dt, time in steps:
+            sim = SimpleNamespace(time=time, dt=dt, snapshot=lambda: None)
+            if made.due(sim):
+                made.take(sim)
+                found.append(time)
+            assert not made.due(sim)
+        return found
+
+    long = [(1e-4, 1e-4 * step) for step in range(11)]
+    short = [(1e-5, 1e-3 + 1e-5 * step) for step in range(1, 101)]
+    with frames({"frames": 0, "last_time": -1.0}) as made:
+        assert taken(made, long) == [time for _, time in long]
+        # As after a checkpoint in between.
+        notes = {"frames": made.count, "next_frame": made.next, "last_time": made.last_time}
+        found = taken(made, short)
+    assert len(found) == 29  # each 33 us up to 2 ms; one long step went beyond the first
+    assert made.count == 40
+    with frames(notes) as again:
+        assert taken(again, short) == found
 
 
 def test_folds_that_cannot_be_measured_fail_no_run(scene, tmp_path, monkeypatch):
