@@ -1,6 +1,7 @@
 """A run from scene to files, with a simulator that makes waves without computing."""
 
 import json
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -8,10 +9,11 @@ import pytest
 import trimesh
 
 import fake_run
+from tledface.constitutive import material
 from tledface.errors import InputError, SimulationError
 from tledface.model import Model
 from tledface.output import earlier_run
-from tledface.run import load_run, run_scene, save_built
+from tledface.run import _Frames, load_run, run_scene, save_built
 from tledface.scene import Scene
 from tledface.schedule import Ramp
 
@@ -102,6 +104,61 @@ def test_a_failed_run_keeps_its_frames_and_says_so(scene, tmp_path, monkeypatch)
     assert names(out) == FILES
 
 
+def test_frames_passed_by_long_steps_are_not_made_up_for_in_short_ones():
+    def frames(notes):
+        made = _Frames(None, None, 30e3, 1.0, notes)
+        made.put = lambda snapshot: None
+        return made
+
+    def taken(made, steps):
+        found = []
+        for dt, time in steps:
+            sim = SimpleNamespace(time=time, dt=dt, snapshot=lambda: None)
+            if made.due(sim):
+                made.take(sim)
+                found.append(time)
+            assert not made.due(sim)
+        return found
+
+    long = [(1e-4, 1e-4 * step) for step in range(11)]
+    short = [(1e-5, 1e-3 + 1e-5 * step) for step in range(1, 101)]
+    with frames({"frames": 0, "last_time": -1.0}) as made:
+        assert taken(made, long) == [time for _, time in long]
+        # As after a checkpoint in between.
+        notes = {"frames": made.count, "next_frame": made.next, "last_time": made.last_time}
+        found = taken(made, short)
+    assert len(found) == 29  # each 33 us up to 2 ms; one long step went beyond the first
+    assert made.count == 40
+    with frames(notes) as again:
+        assert taken(again, short) == found
+
+
+def test_folds_that_cannot_be_measured_fail_no_run(scene, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise InputError("line profile: too short\nmore")
+
+    monkeypatch.setattr("tledface.folds.measure_folds", refuse)
+    with pytest.warns(UserWarning, match=r"^folds not measured \(line profile: too short\); "):
+        result = run_scene(scene, tmp_path / "out", quiet=True)
+    assert result.folds is None
+    assert names(tmp_path / "out") == FILES
+    assert earlier_run(tmp_path / "out")["state"] == "finished"
+
+
+def test_more_frames_than_steps_give_one_a_step(tmp_path, monkeypatch):
+    fake_run.install(monkeypatch)
+    text = fake_run.SCENE.replace("fps = 500", "fps = 250000")
+    text = text.replace('duration = "10 ms"', 'duration = "0.2 ms"')
+    scene = Scene.load(fake_run.write_scene(tmp_path, text))
+    result = run_scene(scene, tmp_path / "out", quiet=True)
+    assert result.frames == 21
+    for name in ("frames", "frames_surface"):
+        with h5py.File(tmp_path / "out" / f"{name}.vtkhdf") as file:
+            times = file["VTKHDF/Steps/Values"][:]
+            assert file["VTKHDF/Steps"].attrs["NSteps"] == 21
+        np.testing.assert_allclose(times, np.arange(21) * 1e-5, atol=1e-12)
+
+
 def test_a_built_model_runs_without_its_surfaces(scene, tmp_path):
     path = tmp_path / "model.h5"
     save_built(scene, scene.build(), path)
@@ -113,6 +170,19 @@ def test_a_built_model_runs_without_its_surfaces(scene, tmp_path):
     run_scene(loaded, tmp_path / "out", model=model, quiet=True)
     assert names(tmp_path / "out") == FILES
     assert not list(tmp_path.glob("*.part*"))
+
+
+def test_a_scene_with_python_objects_comes_back_from_its_model_file(scene, tmp_path):
+    tables = fake_run.scene_tables()
+    tables["muscles"][0]["activation"] = Ramp(np.float64(0.0), 0.7, 3e-5, 1e-3, "cosine")
+    tables["layers"][0]["material"] = material(
+        "mooney_rivlin", c10=1e3, bulk_modulus=1e5, density=1e3, prony=[(0.2, 0.01)]
+    )
+    made = Scene.from_dict(tables, tmp_path)
+    save_built(made, made.build(), tmp_path / "model.h5")
+    loaded, _ = load_run(tmp_path / "model.h5")
+    assert loaded.layers == made.layers
+    assert loaded.muscles[0].activation == tables["muscles"][0]["activation"]
 
 
 def test_a_model_without_scene_is_named(tmp_path):

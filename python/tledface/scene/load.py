@@ -13,6 +13,7 @@ from pydantic import PrivateAttr, ValidationError
 from tledface import units
 from tledface.errors import InputError
 from tledface.scene.fields import MissingFiles
+from tledface.scene.source import as_tables, without_numpy
 from tledface.scene.tables import SceneTables
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class Scene(SceneTables):
 
     @property
     def source(self) -> dict[str, Any]:
-        """The tables as written, before conversion."""
+        """The tables as a file would hold them, before conversion."""
         return self._source
 
     @classmethod
@@ -56,7 +57,7 @@ class Scene(SceneTables):
         if other := _not_a_scene(path):
             raise InputError(f"{path}: {other}")
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with its mark
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: cannot be read as text ({error})") from None
         try:
@@ -73,6 +74,7 @@ class Scene(SceneTables):
     ) -> Scene:
         """A scene from TOML-like tables; relative paths start at ``base``.
 
+        Values may also be ``tf.material(...)``, ``tf.ramp(...)``, NumPy numbers and arrays.
         Surface files must exist unless ``check_files`` is False (a scene whose model is built
         already). Raises InputError as ``load`` does.
         """
@@ -86,12 +88,16 @@ class Scene(SceneTables):
             length = units.unit_scale(tables["units"]) if "units" in tables else 1.0
         except InputError as error:
             raise InputError(f"{where}: units: {error}") from None
+        tables = without_numpy(tables)
         context = {"length": length, "base": base, "check_files": check_files}
         try:
-            scene = cls.model_validate(dict(tables), context=context)
+            scene = cls.model_validate(tables, context=context)
         except ValidationError as error:
             raise InputError(f"{where}: {_one_line(error, tables)}") from None
-        scene._source = json.loads(json.dumps(tables, default=str))
+        try:
+            scene._source = as_tables(tables)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
         return scene
 
     @classmethod
