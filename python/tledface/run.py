@@ -113,6 +113,11 @@ def _unfinished(directory: str | Path) -> dict[str, Any]:
     about = earlier_run(Path(directory))
     if about is None:
         raise InputError(f"resume {directory}: no run; give the folder of `tledface run`")
+    if "scene" not in about and "demo" in about:
+        raise InputError(
+            f"resume {directory}: a study, which has no checkpoints; run "
+            f"`tledface demo {about['demo']} --force -o {directory}` again"
+        )
     if about.get("state") == "finished":
         raise InputError(f"resume {directory}: the run is finished; there is nothing to resume")
     return about

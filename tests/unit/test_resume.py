@@ -143,6 +143,12 @@ def test_what_cannot_go_on_is_named(stopped, whole, tmp_path):
     assert facts(stopped)["state"] == "interrupted"
 
 
+def test_a_study_is_computed_anew(tmp_path):
+    (tmp_path / "run.json").write_text('{"tledface": "0.1.0", "demo": "film", "state": "failed"}')
+    with pytest.raises(InputError, match="no checkpoints; run `tledface demo film --force -o "):
+        resume_run(tmp_path)
+
+
 def test_a_device_that_fails_costs_no_checkpoint(stopped, whole, monkeypatch):
     """No advice to begin anew: the same checkpoint goes on where the device works."""
 
