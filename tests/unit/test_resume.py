@@ -211,14 +211,18 @@ def test_a_run_with_more_frames_than_steps_goes_on(scene, tmp_path, monkeypatch)
 def test_others_are_refused_while_a_run_goes_on(scene, whole, tmp_path, monkeypatch):
     out, take, refused = tmp_path / "out", RunCheckpoints.take, []
 
+    def files():  # not when they were read
+        stats = {path: path.stat() for path in out.iterdir()}
+        return {path: (s.st_ino, s.st_size, s.st_mtime_ns) for path, s in stats.items()}
+
     def others_come(self, sim, *arguments):
         take(self, sim, *arguments)
         monkeypatch.setattr(RunCheckpoints, "take", take)  # others that got in would come here too
-        before = {path: path.stat() for path in out.iterdir()}
+        before = files()
         for words in (["resume", out], ["run", scene.path, "-o", out, "--force"]):
             done = CliRunner().invoke(app, [*map(str, words), "-q"])
             refused.append((done.exit_code, done.stderr))
-        assert {path: path.stat() for path in out.iterdir()} == before
+        assert files() == before
 
     monkeypatch.setattr(RunCheckpoints, "take", others_come)
     assert_same(run_scene(scene, out, device="native", quiet=True), whole)
