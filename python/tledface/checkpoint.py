@@ -171,6 +171,8 @@ def _read(
     watch = {key: _plain(value) for key, value in file["watch"].attrs.items()}
     state = {key: _plain(value) for key, value in file["state"].attrs.items()}
     state |= {key: data[()] for key, data in file["state/arrays"].items()}
+    if options.get("hourglass") == "physical":
+        options.pop("hourglass_kappa", None)  # stored, but that form has none
     model = read_model(file["model"])
     schedules = _read_schedules(file["schedules"], path, activations)
     sim = Simulator(model, device=device, **scaling_of(options))

@@ -44,6 +44,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Simulator"]
 
+# Of the "joldes" form, where it is not given.
+_KAPPA = 0.075
+
 
 class Simulator(Results):
     """Explicit total Lagrangian simulation of a model.
@@ -56,7 +59,8 @@ class Simulator(Results):
         damping: Mass-proportional damping, 1/s.
         hourglass: ``"physical"`` (bending and twisting stiffness of elasticity, nothing to tune)
             or ``"joldes"`` (kappa form, Joldes, Wittek & Miller 2008).
-        hourglass_kappa: kappa of the ``"joldes"`` form.
+        hourglass_kappa: kappa of the ``"joldes"`` form, 0.075 if not given; the physical form has
+            none.
         dt: Time step in s, or ``"auto"``: 0.8 of the estimated limit, lowered when strain or
             activation lowers the limit.
         mass_scaling: Factor on every density, at least 1; or ``{"dt": seconds}``, which makes only
@@ -93,7 +97,7 @@ class Simulator(Results):
         precision: str = "single",
         damping: float = 0.0,
         hourglass: str = "physical",
-        hourglass_kappa: float = 0.075,
+        hourglass_kappa: float | None = None,
         dt: float | str = "auto",
         mass_scaling: float | Mapping[str, float] | None = None,
         time_scaling: float = 1.0,
@@ -103,7 +107,16 @@ class Simulator(Results):
     ) -> None:
         """See the class."""
         check_number("damping", damping, least=0.0, unit="1/s")
-        check_number("hourglass_kappa", hourglass_kappa, least=0.0, unit="no unit")
+        if hourglass_kappa is None:
+            kappa = _KAPPA
+        elif hourglass == "physical":
+            raise InputError(
+                f'hourglass_kappa: got {hourglass_kappa!r} with hourglass = "physical", which has '
+                'none; allowed: leave it out, or hourglass = "joldes"'
+            )
+        else:
+            check_number("hourglass_kappa", hourglass_kappa, least=0.0, unit="no unit")
+            kappa = float(hourglass_kappa)
         if not isinstance(dt, str):
             check_number("dt", dt, least=0.0, unit="s", exclusive=True)
         scaling = checked_scaling(mass_scaling)
@@ -119,7 +132,7 @@ class Simulator(Results):
             "precision": precision,
             "damping": float(damping),
             "hourglass": hourglass,
-            "hourglass_kappa": float(hourglass_kappa),
+            "hourglass_kappa": kappa,
             "dt": dt if isinstance(dt, str) else float(dt),
             **scaling_options(scaling),
             "kernels": kernels,
@@ -149,7 +162,7 @@ class Simulator(Results):
                 core_model(model, density=scaled, weightless=heavier),
                 precision=precision,
                 hourglass=hourglass,
-                kappa=hourglass_kappa,
+                kappa=kappa,
                 damping=damping,
                 kernels=kernels,
                 conditions=self._conditions.core,

@@ -71,6 +71,14 @@ def test_dt_and_options_come_back(tmp_path):
     assert_same(sim, again)
 
 
+def test_the_physical_form_comes_back_though_a_kappa_is_stored(tmp_path):
+    make_sim(device="native").checkpoint(tmp_path / "c.h5")
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        assert file["options"].attrs["hourglass_kappa"] == 0.075
+        file["options"].attrs["hourglass_kappa"] = 0.5  # once taken in silence
+    assert tf.Simulator.restore(tmp_path / "c.h5")._options["hourglass"] == "physical"
+
+
 def test_histories_of_materials_come_back(executor, tmp_path):
     moduli = {"youngs_modulus": 34e3, "poissons_ratio": 0.49, "density": 1100.0}
     slow = tf.material("neo_hookean", **moduli, prony=[(0.4, 0.001), (0.2, 0.01)])

@@ -28,6 +28,8 @@ def small_model(muscle=True):
         ({"damping": -1.0}, "damping: got -1.0"),
         ({"mass_scaling": 0.5}, "mass_scaling: got 0.5"),
         ({"hourglass": "none"}, "hourglass: got 'none', allowed are 'physical', 'joldes'"),
+        ({"hourglass_kappa": 0.5}, 'hourglass_kappa: got 0.5 with hourglass = "physical"'),
+        ({"hourglass": "joldes", "hourglass_kappa": "a"}, "hourglass_kappa: got 'a'"),
         ({"precision": "half"}, "precision: got 'half'"),
         ({"kernels": "fast"}, "kernels: got 'fast'"),
         ({"dt": "big"}, "dt: got 'big'"),
