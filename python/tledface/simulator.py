@@ -17,7 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface import device as device_module
-from tledface._core_model import check_number, checked_field, core_model, core_sliding
+from tledface._core_model import (
+    check_number,
+    checked_field,
+    core_model,
+    core_sliding,
+    is_number,
+)
 from tledface._results import Results
 from tledface._serial import serial
 from tledface.autotune import tune, tune_recording
@@ -286,11 +292,23 @@ class Simulator(Results):
                 state or takes a `snapshot`, which makes sure itself.
 
         Raises:
+            InputError: a time that is past, ``on_frame`` without ``fps`` or not to be called.
             SimulationError: the state is no longer finite.
         """
-        if not math.isfinite(until):
+        if not is_number(until):
             raise InputError(f"run: got until = {until!r}; allowed: a finite time in seconds")
-        if on_frame is not None and not (fps is not None and math.isfinite(fps) and fps > 0):
+        # The nearest step may lie half a step behind the time asked for, of any dt up to now.
+        step = self.substeps * self._watch.auto_dt if self._watch.auto else self.dt
+        if until < self.time - 0.501 * step:
+            raise InputError(
+                f"run: got until = {until!r} s; allowed: {self.time:.6g} s, which is now, or "
+                "later; set_state starts again"
+            )
+        if on_frame is not None and not callable(on_frame):
+            raise InputError(
+                f"run: got on_frame = {on_frame!r}; allowed: a function, called as on_frame(sim)"
+            )
+        if not (fps is None and on_frame is None) and not (is_number(fps) and fps > 0):
             raise InputError(f"run: got fps = {fps!r}; allowed with on_frame: a positive number")
         frame = 0 if fps is None else math.floor(self.time * fps + 1e-9) + 1
         while (left := round((until - self.time) / self.dt)) > 0:
@@ -430,12 +448,14 @@ class Simulator(Results):
         """Start again from a displacement (n_nodes, 3) m and velocity (n_nodes, 3) m/s, or rest.
 
         Raises:
-            InputError: wrong shape or values that are not finite.
+            InputError: wrong shape, values or a time that are not finite numbers.
         """
+        if not is_number(time):
+            raise InputError(f"set_state: got time = {time!r}; allowed: a finite time in seconds")
         shape = (self.model.n_nodes, 3)
         given = checked_field("u", u, shape)
         speed = np.empty(0) if velocity is None else checked_field("velocity", velocity, shape)
-        self._core.set_state(given, speed, time)
+        self._core.set_state(given, speed, float(time))
         self._start_prescribed()
         self._applied = self._values_now()
         self._restart()

@@ -74,6 +74,39 @@ def test_run_reaches_its_time_and_calls_frames():
         sim.run(until=3e-3, on_frame=print)
 
 
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda sim: sim.run("a"), "run: got until = 'a'; allowed: a finite time"),
+        (lambda sim: sim.run(None), "run: got until = None"),
+        (lambda sim: sim.run(-1), r"run: got until = -1 s; allowed: .* which is now, or later"),
+        (lambda sim: sim.run(sim.time - sim.dt), "which is now, or later"),
+        (lambda sim: sim.run(1e-3, on_frame=3, fps=1000), "run: got on_frame = 3; allowed: a func"),
+        (lambda sim: sim.run(1e-3, on_frame=print, fps="a"), "run: got fps = 'a'"),
+        (lambda sim: sim.set_state("a"), "u: got 'a'; allowed: finite values of shape"),
+        (lambda sim: sim.set_state([1, [2]]), "u: got .*; allowed: finite values of shape"),
+        (lambda sim: sim.set_state(sim.u, time=np.nan), "set_state: got time = nan"),
+        (lambda sim: sim.set_state(sim.u, time="a"), "set_state: got time = 'a'"),
+    ],
+)
+def test_bad_arguments_of_run_and_set_state_change_nothing(call, message):
+    sim = tf.Simulator(small_model(), device="native")
+    sim.step(5)
+    time = sim.time
+    with pytest.raises(InputError, match=message):
+        call(sim)
+    assert (sim.time, sim.n_steps) == (time, 5)
+
+
+def test_run_to_a_time_that_is_reached_does_nothing():
+    sim = tf.Simulator(small_model(), device="native")
+    until = 4.6 * sim.dt
+    sim.run(until)
+    sim.run(until)  # the nearest step lies behind it
+    sim.run(sim.time)
+    assert sim.n_steps == 5
+
+
 def test_steps_in_pieces_equal_steps_at_once():
     results = []
     for pieces in ([300], [1] * 20 + [280], [37, 263]):
