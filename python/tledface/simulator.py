@@ -112,6 +112,13 @@ class Simulator(Results):
         kernels: str = "auto",
     ) -> None:
         """See the class."""
+        from tledface.model import Model
+
+        if not isinstance(model, Model):
+            raise InputError(
+                f"Simulator: got {model!r} as model; allowed: a tledface.Model, as "
+                "tf.Scene.load(...).build() gives"
+            )
         check_number("damping", damping, least=0.0, unit="1/s")
         if hourglass_kappa is None:
             kappa = _KAPPA

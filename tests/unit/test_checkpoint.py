@@ -290,6 +290,15 @@ def test_no_such_folder(tmp_path):
         make_sim(device="native").checkpoint(tmp_path / "none" / "c.h5")
 
 
+def test_what_is_no_file_is_refused(tmp_path):
+    sim = make_sim(device="native")
+    with pytest.raises(InputError, match=r"checkpoint .*: is a folder"):
+        sim.checkpoint(tmp_path)
+    for call in (sim.checkpoint, tf.Simulator.restore):
+        with pytest.raises(InputError, match="checkpoint: got None"):
+            call(None)
+
+
 def test_a_full_disk_leaves_the_earlier_checkpoint(tmp_path, monkeypatch):
     path = tmp_path / "c.h5"
     sim = make_sim(device="native")

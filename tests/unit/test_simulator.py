@@ -44,6 +44,11 @@ def test_bad_options_are_named(options, message):
         tf.Simulator(small_model(), **options)
 
 
+def test_what_is_no_model_is_refused():
+    with pytest.raises(InputError, match="got None as model; allowed: a tledface"):
+        tf.Simulator(None)
+
+
 def test_dt_message_suggests_a_mass_scaling_that_works():
     model = small_model()
     dt = 3 * tf.Simulator(model, mass_scaling=4.0).dt
