@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface._frame import frame_origin
+from tledface._model_checks import unlike
 from tledface.conditions import prescribed_mask
 from tledface.errors import InputError
 from tledface.muscle import CALCIUM_BETA
@@ -148,6 +149,7 @@ def checked_field(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArr
         ) from None
     if field.shape != shape or not np.isfinite(field).all():
         raise InputError(
-            f"{name}: got shape {field.shape}; allowed: finite values of shape {shape}"
+            f"{name}: got {unlike(field, shape_fits=field.shape == shape)}; allowed: finite values "
+            f"of shape {shape}"
         )
     return field

@@ -27,6 +27,18 @@ def show(values: Floats) -> str:
     return "(" + ", ".join(f"{v:.6g}" for v in values) + ")"
 
 
+def unlike(values: Floats, *, shape_fits: bool) -> str:
+    """Say why numbers are refused: their shape, or where the first that is not finite stands."""
+    if not shape_fits:
+        return f"shape {values.shape}"
+    bad = np.argwhere(~np.isfinite(values))
+    if not len(bad):
+        return f"shape {values.shape}"
+    value, place = values[tuple(bad[0])], ", ".join(map(str, bad[0].tolist()))
+    more = f" ({len(bad)} such of {values.size})" if len(bad) > 1 else ""
+    return f"{value} at [{place}]{more}, which is not finite"
+
+
 def floats(what: str, values: ArrayLike) -> Floats:
     """Return a float64 copy."""
     try:

@@ -142,7 +142,8 @@ def read_notes(path: str | Path) -> dict[str, Any]:
 
 def _opened(path: Path) -> h5py.File:
     if not path.is_file():
-        raise DamagedCheckpoint(f"checkpoint {path}: no such file")
+        found = "is a folder; give a file in it" if path.is_dir() else "no such file"
+        raise DamagedCheckpoint(f"checkpoint {path}: {found}")
     try:
         file = h5py.File(path, "r")
     except OSError:

@@ -61,6 +61,35 @@ def test_missing_mesh(scene):
     assert "frontal.stl" in refuse(scene)
 
 
+def test_a_mesh_that_is_a_folder(scene):
+    (scene.parent / "skin.stl").unlink()
+    (scene.parent / "skin.stl").mkdir()
+    line = refuse(scene, verb="check")
+    assert "geometry.skin: got " in line
+    assert 'skin.stl", which is a folder; allowed: a surface file' in line
+    assert "nearest" not in line
+
+
+def test_a_skin_in_other_units(scene):
+    trimesh.creation.box(bounds=[[0, 0, 0], [0.01, 0.008, 0.006]]).export(scene.parent / "skin.stl")
+    line = refuse(scene, verb="check")
+    assert "the skin measures 0.01 x 0.008 x 0.006 mm: check units" in line
+
+
+def test_a_model_of_another_format(scene):
+    np.savez(scene.parent / "m.npz", a=np.zeros(3))
+    line = refuse(scene.parent / "m.npz")
+    assert "cannot be read as text; allowed: a scene file (.toml), or a model file (.h5)" in line
+
+
+def test_a_face_of_a_vertex_that_is_not_there(scene):
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 9\n"
+    (scene.parent / "muscle.obj").write_text(text)
+    edit(scene, "muscle.stl", "muscle.obj")
+    line = refuse(scene, verb="check")
+    assert "(line 6: a face names vertex 9; allowed: 1 to 4)" in line
+
+
 def test_open_mesh_with_a_big_hole(scene):
     mesh = trimesh.load(scene.parent / "skin.stl")
     mesh.update_faces(np.arange(len(mesh.faces)) >= 2)

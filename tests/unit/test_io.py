@@ -111,6 +111,8 @@ def test_what_is_no_file_is_refused(model, tmp_path):
         model.save(tmp_path / "folder")
     with pytest.raises(InputError, match="cannot be made there"):
         model.save(tmp_path / f"{'x' * 300}.h5")
+    with pytest.raises(InputError, match="folder: is a folder; give a model file"):
+        Model.load(tmp_path / "folder")
     for call in (model.save, Model.load):
         with pytest.raises(InputError, match="model file: got None; allowed: the path of a file"):
             call(None)

@@ -89,6 +89,10 @@ def test_run_reaches_its_time_and_calls_frames():
         (lambda sim: sim.run(1e-3, on_frame=3, fps=1000), "run: got on_frame = 3; allowed: a func"),
         (lambda sim: sim.run(1e-3, on_frame=print, fps="a"), "run: got fps = 'a'"),
         (lambda sim: sim.set_state("a"), "u: got 'a'; allowed: finite values of shape"),
+        (
+            lambda sim: sim.set_state(np.where(np.arange(315 * 3).reshape(315, 3) == 4, np.nan, 0)),
+            r"u: got nan at \[1, 1\], which is not finite; allowed",
+        ),
         (lambda sim: sim.set_state([1, [2]]), "u: got .*; allowed: finite values of shape"),
         (lambda sim: sim.set_state(sim.u, time=np.nan), "set_state: got time = nan"),
         (lambda sim: sim.set_state(sim.u, time="a"), "set_state: got time = 'a'"),

@@ -98,11 +98,27 @@ def read_parts(path: Path) -> list[trimesh.Trimesh]:
         return parts
     # The parsers raise whatever the damage provokes: struct, index, key and value errors.
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        obj = isinstance(error, IndexError) and path.suffix.lower() == ".obj"
+        reason = (_obj_index(path) if obj else "") or " ".join(str(error).split())
+        reason = reason or type(error).__name__
         raise InputError(
             f"{path}: cannot be read as {path.suffix.lower()[1:].upper()} ({reason}); "
             "export the surface again"
         ) from None
+
+
+def _obj_index(path: Path) -> str:
+    """The first face of an OBJ file that names a vertex that is not there; empty without one."""
+    lines = [
+        line.split() for line in path.read_text(encoding="utf-8", errors="replace").split("\n")
+    ]
+    count = sum(words[:1] == ["v"] for words in lines)
+    for number, words in enumerate(lines, start=1):
+        for corner in words[1:] if words[:1] == ["f"] else []:
+            vertex = corner.split("/")[0]
+            if vertex.lstrip("-").isdigit() and not 1 <= abs(int(vertex)) <= count:
+                return f"line {number}: a face names vertex {vertex}; allowed: 1 to {count}"
+    return ""
 
 
 def _read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -165,6 +165,8 @@ def load_model(path: str | Path) -> Model:
             file that is damaged.
     """
     path = as_path(path, "model file")
+    if path.is_dir():
+        raise InputError(f"model file {path}: is a folder; give a model file (.h5)")
     if not path.is_file():
         raise InputError(f"model file {path}: no such file")
     try:

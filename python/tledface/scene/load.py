@@ -59,7 +59,12 @@ class Scene(SceneTables):
             raise InputError(f"{path}: {other}")
         try:
             text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with its mark
-        except (OSError, UnicodeDecodeError) as error:
+        except UnicodeDecodeError:
+            raise InputError(
+                f"{path}: cannot be read as text; allowed: a scene file (.toml), or a model file "
+                "(.h5) where one is taken, as by `tledface run`"
+            ) from None
+        except OSError as error:
             raise InputError(f"{path}: cannot be read as text ({error})") from None
         try:
             tables = tomllib.loads(text)
