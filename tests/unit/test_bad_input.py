@@ -90,6 +90,14 @@ def test_a_face_of_a_vertex_that_is_not_there(scene):
     assert "(line 6: a face names vertex 9; allowed: 1 to 4)" in line
 
 
+@pytest.mark.parametrize(("kept", "expected"), [(200, 684), (50, 84)])
+def test_an_stl_file_cut_short(scene, kept, expected):
+    path = scene.parent / "skin.stl"
+    path.write_bytes(path.read_bytes()[:kept])
+    line = refuse(scene, verb="check")
+    assert f"skin.stl: cut short: {kept} bytes, {expected} expected (binary STL of " in line
+
+
 def test_open_mesh_with_a_big_hole(scene):
     mesh = trimesh.load(scene.parent / "skin.stl")
     mesh.update_faces(np.arange(len(mesh.faces)) >= 2)
