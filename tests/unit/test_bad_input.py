@@ -127,6 +127,15 @@ def test_unknown_key_names_the_nearest(scene):
     assert "dampign" in line and "damping" in line.replace("dampign", "")
 
 
+def test_a_stiffness_that_no_number_holds(scene):
+    text = scene.read_text()
+    start = text.index("youngs_modulus = ")
+    end = text.index(",", start)
+    scene.write_text(text[:start] + 'youngs_modulus = "1e300 GPa"' + text[end:])
+    line = refuse(scene)
+    assert "layers[0].material.youngs_modulus: got '1e300 GPa'; allowed: up to 1e+15 Pa" in line
+
+
 def test_unit_missing(scene):
     edit(scene, '"0.5 ms"', "0.5")
     line = refuse(scene)
