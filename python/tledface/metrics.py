@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tledface._model_checks import vector
 from tledface.errors import InputError
 from tledface.raster import rasterise, view_axes
 
@@ -216,9 +217,11 @@ def line_profile(
     Exact: triangles are cut by the plane of the line and the heights.
     """
     points, triangles = _checked_surface(vertices, faces)
-    first: Floats = np.asarray(start, dtype=np.float64)
-    last: Floats = np.asarray(end, dtype=np.float64)
-    upward: Floats = np.array(direction, dtype=np.float64)
+    first = vector("line profile: start", start)
+    last = vector("line profile: end", end)
+    upward = vector("line profile: direction", direction)
+    if not upward.any():
+        raise InputError("line profile: got direction (0, 0, 0); allowed: a direction of a length")
     upward /= float(np.linalg.norm(upward))
     along: Floats = last - first - ((last - first) @ upward) * upward
     length = float(np.linalg.norm(along))

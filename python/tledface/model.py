@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from tledface._model_checks import (
     Floats,
     Mask,
+    checked_block,
     checked_cells,
     checked_fibre,
     checked_fill,
@@ -146,7 +147,8 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
         Elements are numbered with x fastest, then y, then z.
 
         Raises:
-            InputError: a count below 1 or not whole, a size that is not positive and finite.
+            InputError: a count below 1, not whole or beyond the memory, a size that is not
+                positive and finite.
         """
         counts = np.asarray(cells)
         if counts.shape != (3,) or counts.dtype.kind not in "iu" or (counts < 1).any():
@@ -155,6 +157,7 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
         if not (edges > 0.0).all():
             raise InputError(f"block size: got {show(edges)} m, every edge must be above 0")
         nx, ny, nz = (int(n) for n in counts)
+        checked_block(nx, ny, nz)
         grid = np.empty((nz, ny, nx, 3), dtype=np.int32)
         grid[..., 0] = np.arange(nx)
         grid[..., 1] = np.arange(ny)[:, None]

@@ -71,6 +71,14 @@ def test_dt_and_options_come_back(tmp_path):
     assert_same(sim, again)
 
 
+def test_the_physical_form_comes_back_though_a_kappa_is_stored(tmp_path):
+    make_sim(device="native").checkpoint(tmp_path / "c.h5")
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        assert file["options"].attrs["hourglass_kappa"] == 0.075
+        file["options"].attrs["hourglass_kappa"] = 0.5  # once taken in silence
+    assert tf.Simulator.restore(tmp_path / "c.h5")._options["hourglass"] == "physical"
+
+
 def test_histories_of_materials_come_back(executor, tmp_path):
     moduli = {"youngs_modulus": 34e3, "poissons_ratio": 0.49, "density": 1100.0}
     slow = tf.material("neo_hookean", **moduli, prony=[(0.4, 0.001), (0.2, 0.01)])
@@ -280,6 +288,15 @@ def test_the_page_names_all_that_is_in_the_file(options, tmp_path):
 def test_no_such_folder(tmp_path):
     with pytest.raises(InputError, match="there is no folder"):
         make_sim(device="native").checkpoint(tmp_path / "none" / "c.h5")
+
+
+def test_what_is_no_file_is_refused(tmp_path):
+    sim = make_sim(device="native")
+    with pytest.raises(InputError, match=r"checkpoint .*: is a folder"):
+        sim.checkpoint(tmp_path)
+    for call in (sim.checkpoint, tf.Simulator.restore):
+        with pytest.raises(InputError, match="checkpoint: got None"):
+            call(None)
 
 
 def test_a_full_disk_leaves_the_earlier_checkpoint(tmp_path, monkeypatch):

@@ -157,6 +157,8 @@ def test_a_bad_value_on_the_way_is_named():
     with pytest.raises(InputError, match=r"gave shape \(3,\) at t = 0 s; allowed: .* \(63,\)"):
         tf.Simulator(model)
     model = block()
+    with pytest.raises(InputError, match=r"body_force: got inf at \[2\], which is not finite"):
+        model.body_force(np.ones(192, bool), (0.0, 0.0, np.inf))
     model.body_force(np.ones(192, bool), lambda t: 3.0)
     with pytest.raises(InputError, match=r"body_force: got 3.0 .* three finite numbers"):
         tf.Simulator(model)

@@ -90,6 +90,10 @@ def test_regions_named_by_the_file(tmp_path, of_surfaces):
     [
         (lambda n, e: (n, e[:, [0, 3, 2, 1, 4, 7, 6, 5]]), "24 such"),
         (lambda n, e: (np.where(n > 1e9, n, np.nan), e), "finite metres"),
+        (
+            lambda n, e: (np.where(np.arange(3 * len(n)).reshape(-1, 3) > 6, np.nan, n), e),
+            r"nodes: got nan at \[2, 1\] \(\d+ such of \d+\), which is not finite",
+        ),
         (lambda n, e: (n, e[:, :6]), r"got shape \(24, 6\)"),
         (lambda n, e: (n, e + 1), "allowed 0 to 59"),
         (lambda n, e: (n, e[:0]), "got none"),

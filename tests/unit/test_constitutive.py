@@ -52,6 +52,12 @@ def test_scene_table_needs_units_for_stiffness_but_not_for_density():
         ({"young_modulus": 1.0}, "young_modulus: unknown .*; nearest: youngs_modulus"),
         ({"youngs_modulus": -1.0}, "youngs_modulus: got -1.0; allowed: greater than 0"),
         ({"youngs_modulus": "3 s"}, "youngs_modulus: .* s is the unit of a time"),
+        (
+            {"youngs_modulus": "1e300 GPa"},
+            "youngs_modulus: got '1e300 GPa'; allowed: up to 1e.15 Pa",
+        ),
+        ({"youngs_modulus": 1e-300}, "shear modulus: got .* Pa for neo_hookean; allowed: 1e-15 to"),
+        ({"density": 1e300}, "density: got 1e.300 kg/m.3 for neo_hookean; allowed: 1e-15 to"),
         ({"poissons_ratio": 0.5}, "poissons_ratio: got 0.5; allowed: .* less than 0.5"),
         ({"poissons_ratio": -0.1}, "at least 0"),
         ({"density": 0.0}, "density: got 0.0"),

@@ -105,6 +105,21 @@ def test_unusable_model_files_are_one_clear_line(model, tmp_path, change, word):
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_what_is_no_file_is_refused(model, tmp_path):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match="folder: is a folder; give the name of a file"):
+        model.save(tmp_path / "folder")
+    with pytest.raises(InputError, match="cannot be made there"):
+        model.save(tmp_path / f"{'x' * 300}.h5")
+    with pytest.raises(InputError, match="folder: is a folder; give a model file"):
+        Model.load(tmp_path / "folder")
+    for call in (model.save, Model.load):
+        with pytest.raises(InputError, match="model file: got None; allowed: the path of a file"):
+            call(None)
+    assert os.listdir(tmp_path) == ["folder"]
+    assert os.listdir(tmp_path / "folder") == []
+
+
 def test_a_failed_save_leaves_the_old_file(model, tmp_path):
     path = tmp_path / "model.h5"
     model.save(path)

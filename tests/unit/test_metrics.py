@@ -190,6 +190,13 @@ def test_line_profile_is_exact_and_marks_gaps():
     assert np.isnan(heights[~inside]).all()
 
 
+@pytest.mark.parametrize("name", ["start", "end", "direction"])
+def test_a_line_profile_needs_points_in_space(name):
+    points = {"start": (0, 0, 0), "end": (1, 0, 0), "direction": (0, 0, 1), name: (1, 0)}
+    with pytest.raises(InputError, match=f"line profile: {name} must be three finite numbers"):
+        line_profile(np.eye(3), [[0, 1, 2]], **points, spacing=0.1)
+
+
 def test_line_profile_through_vertices_has_no_gap():
     vertices, faces = sheet(lambda x, y: 0 * x)
     heights = line_profile(vertices, faces, (0, 0.03, 0), (0.06, 0.03, 0), 1e-4)[1]

@@ -88,6 +88,15 @@ def test_bad_block(cells):
         Model.block((1, 1, 1), (1, -1, 1), SOFT)
 
 
+@pytest.mark.parametrize(
+    ("cells", "word"), [((10**6,) * 3, "nodes in all"), ((1200,) * 3, "GB of memory")]
+)
+def test_a_block_beyond_all_memory_is_refused(cells, word, monkeypatch):
+    monkeypatch.setattr("tledface.geometry.memory.available_memory", lambda: 10**9)
+    with pytest.raises(InputError, match=f"block cells: got .*{word}"):
+        Model.block(cells, (1, 1, 1), SOFT)
+
+
 def test_set_material_adds_reuses_and_replaces(block):
     upper = block.centres[:, 2] > 0.01
     block.set_material(lambda x: x[:, 2] > 0.01, STIFF, name="film")

@@ -399,6 +399,13 @@ def test_several_problems_are_counted(folder, tables):
         Scene.from_dict(tables, folder)
 
 
+def test_what_is_no_scene_is_refused():
+    with pytest.raises(InputError, match="scene: got None; allowed: a dict"):
+        Scene.from_dict(None)
+    with pytest.raises(InputError, match="scene: got None; allowed: the path"):
+        Scene.load(None)
+
+
 def test_load_names_the_file(tmp_path):
     with pytest.raises(InputError, match=r"none\.toml: no such scene file"):
         Scene.load(tmp_path / "none.toml")

@@ -227,6 +227,10 @@ def test_they_go_into_files_and_on_from_there(tmp_path):
         (lambda m, s: m.move_surface("jaw", 3.0), "got 3.0"),
         (lambda m, s: m.move_surface("jaw", lambda t: np.eye(3)), "shape \\(3, 3\\)"),
         (lambda m, s: m.move_surface("jaw", lambda t: 2 * np.eye(4)), "not rigid"),
+        (
+            lambda m, s: m.move_surface("jaw", lambda t: np.full((3, 4), np.nan)),
+            r"got nan at \[0, 0\] \(12 such of 12\), which is not finite, at t = 0 s",
+        ),
         (lambda m, s: m.move_surface("jaw", lambda t: np.eye(4)[[1, 2, 0, 3]]), "not the identity"),
         (lambda m, s: tf.RigidMotion(axis=(0, 0, 0)), "axis: got"),
         (lambda m, s: tf.RigidMotion(shift=(0, 0)), "shift: got"),

@@ -19,7 +19,7 @@ from tledface._model_checks import checked_fill
 from tledface.conditions import BodyForce, Prescribed, Pressure
 from tledface.constitutive import Material, material
 from tledface.errors import InputError
-from tledface.io._atomic import atomic_path
+from tledface.io._atomic import as_path, atomic_path
 from tledface.io.model_surfaces import (
     COMPRESSION,
     numbered,
@@ -55,7 +55,8 @@ def save_model(model: Model, path: str | Path) -> None:
         InputError: the folder does not exist or is not writable, or a condition is a callable,
             which no file can hold.
     """
-    with atomic_path(Path(path), "model file") as part, h5py.File(part, "w") as file:
+    target = as_path(path, "model file")
+    with atomic_path(target, "model file") as part, h5py.File(part, "w") as file:
         write_model(model, file)
 
 
@@ -163,7 +164,9 @@ def load_model(path: str | Path) -> Model:
         InputError: no such file, not a model file, a version this tledface does not know, or a
             file that is damaged.
     """
-    path = Path(path)
+    path = as_path(path, "model file")
+    if path.is_dir():
+        raise InputError(f"model file {path}: is a folder; give a model file (.h5)")
     if not path.is_file():
         raise InputError(f"model file {path}: no such file")
     try:

@@ -12,6 +12,7 @@ from pydantic import PrivateAttr, ValidationError
 
 from tledface import units
 from tledface.errors import InputError
+from tledface.io._atomic import as_path
 from tledface.scene.fields import MissingFiles
 from tledface.scene.source import as_tables, without_numpy
 from tledface.scene.tables import SceneTables
@@ -53,12 +54,17 @@ class Scene(SceneTables):
         a file of another kind, TOML syntax, unknown key, missing or bad value, missing unit,
         missing surface files.
         """
-        path = Path(path)
+        path = as_path(path, "scene")
         if other := _not_a_scene(path):
             raise InputError(f"{path}: {other}")
         try:
             text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with its mark
-        except (OSError, UnicodeDecodeError) as error:
+        except UnicodeDecodeError:
+            raise InputError(
+                f"{path}: cannot be read as text; allowed: a scene file (.toml), or a model file "
+                "(.h5) where one is taken, as by `tledface run`"
+            ) from None
+        except OSError as error:
             raise InputError(f"{path}: cannot be read as text ({error})") from None
         try:
             tables = tomllib.loads(text)
@@ -84,6 +90,8 @@ class Scene(SceneTables):
     def _checked(
         cls, tables: Mapping[str, Any], base: Path, where: str, *, check_files: bool
     ) -> Scene:
+        if not isinstance(tables, Mapping):
+            raise InputError(f"{where}: got {tables!r}; allowed: a dict of a scene's tables")
         try:
             length = units.unit_scale(tables["units"]) if "units" in tables else 1.0
         except InputError as error:
