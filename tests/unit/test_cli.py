@@ -444,3 +444,44 @@ def test_console_script_error_has_no_traceback(tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith("tledface: error: none.toml: no such scene file")
     assert done.stderr.count("\n") == 1
+
+
+INTERRUPTED = """
+import os, signal, sys, time
+import tledface.cli
+import tledface.scene
+
+class Interrupting:
+    def find_spec(self, name, path, target=None):
+        if name == {module!r}:
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.1)
+            except BaseException:
+                pass  # as some modules do
+
+def load(path):
+    import {module}
+    time.sleep(3)
+
+tledface.scene.Scene.load = load
+sys.meta_path.insert(0, Interrupting())
+sys.argv[1:] = ["check", "x.toml"]
+try:
+    tledface.cli.main()
+finally:
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+"""
+
+
+@pytest.mark.parametrize("module", ["tledface.cli.demos", "tledface.check", "trimesh"])
+def test_an_interrupt_while_modules_are_loaded_is_not_lost(tmp_path, module):
+    """Before a verb begins, as it begins, and within it."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED.format(module=module)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (130, "tledface: interrupted\n")
