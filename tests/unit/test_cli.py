@@ -411,6 +411,26 @@ def test_a_demo_without_its_device_leaves_nothing(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("ratio=-1", "film ratio: got -1.0; allowed, with an exact answer: 10, 24.57, 100"),
+        ("waves=0", "film waves: got 0.0; allowed: 1 to 1000"),
+        ("resolution=0", "film resolution: got 0; allowed: 5 to 10000"),
+    ],
+)
+def test_a_study_s_wrong_setting_leaves_the_folder_as_it_was(call, tmp_path, setting, message):
+    assert message in error_line(call("demo", "film", "--set", setting))
+    assert list(tmp_path.iterdir()) == []
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "run.json").write_text('{"tledface": "0", "files": ["film.png"]}')
+    (out / "film.png").touch()
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    error_line(call("demo", "film", "-o", "out", "--force", "--set", setting))
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+
+
 def test_examples(call):
     result = call("examples", "--list")
     assert result.exit_code == 0
