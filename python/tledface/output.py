@@ -7,7 +7,9 @@ runs into it that process holds ``run.lock``, and others are refused.
 from __future__ import annotations
 
 import json
+import math
 import os
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
@@ -68,6 +70,20 @@ class OutputFolder:
                 with suppress(OSError):  # of a folder that is not empty
                     self.path.rmdir()
 
+    def free(self) -> float:
+        """Bytes that a run may fill: free ones, and those of an earlier run that it replaces."""
+        nearest = next(parent for parent in [self.path, *self.path.parents] if parent.exists())
+        usage = shutil.disk_usage(nearest)
+        if usage.total == 0:
+            return math.inf  # the file system does not tell
+        earlier = [file.stat() for file in self._replaced() if file.is_file()]
+        return usage.free + 512 * sum(found.st_blocks for found in earlier)  # sparse ones
+
+    def _replaced(self) -> list[Path]:
+        """The files of the earlier run, there or not."""
+        named = (self.path / str(name) for name in (self._earlier or {}).get("files", []))
+        return [file for file in named if file.parent == self.path]
+
     def _taken(self) -> InputError:
         return InputError(
             f"output {self.path}: another process is running into it; wait for its end, or end it"
@@ -96,10 +112,8 @@ class OutputFolder:
         ``files``: names the run may make, so that what it leaves when it is killed is known.
         """
         self.path.mkdir(parents=True, exist_ok=True)
-        for name in (self._earlier or {}).get("files", []):
-            file = self.path / str(name)
-            if file.parent == self.path:
-                file.unlink(missing_ok=True)
+        for file in self._replaced():
+            file.unlink(missing_ok=True)
         self._earlier = None
         self.write({**about, "state": "running", "files": list(files)})
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tledface import device as device_module
 from tledface.errors import InputError, SimulationError
+from tledface.frame_plan import require_room, reserved_frames
 from tledface.frame_queue import FrameQueue
 from tledface.io.surfaces import write_surface
 from tledface.io.vtkhdf import VTKHDFWriter
@@ -43,10 +44,13 @@ __all__ = [
     "resume_run",
     "run_scene",
     "save_built",
+    "shown_surface",
     "simulator_of",
 ]
 
 _PROGRESS_TICKS = 100
+_MOST_STEPS = 1e12  # years
+_MOST_FPS = 1e12  # a step gives one frame at most
 
 
 def run_scene(
@@ -80,6 +84,7 @@ def run_scene(
             model = scene.build()
     with spinner("preparing the simulation", quiet=quiet):
         sim = simulator_of(scene, model, opened)
+    require_room(scene, sim, shown_surface(model), folder.path, folder.free())
     facts: dict[str, Any] = {**(about or {}), "scene": str(scene.path) if scene.path else None}
     parts = ["frames.part.vtkhdf", "frames_surface.part.vtkhdf"]
     work = partial(_simulate, scene, sim, folder.path, opened.info.name, quiet=quiet)
@@ -201,6 +206,12 @@ def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
             f"{scene.path or 'scene'}: solver.duration: got {solver.duration:.3g} s, shorter than "
             f"one step of {shortest:.3g} s; take a longer one"
         )
+    if not solver.duration / shortest <= _MOST_STEPS:
+        raise InputError(
+            f"{scene.path or 'scene'}: solver.duration: got {solver.duration:.3g} s, "
+            f"{solver.duration / shortest:.3g} steps of {shortest:.3g} s; allowed: "
+            f"{_MOST_STEPS:g} steps; take a shorter one"
+        )
     for muscle in scene.muscles:
         sim.activate(muscle.name, muscle.activation)
     return sim
@@ -261,17 +272,15 @@ def _simulate(
     """Simulate to the end, from the start or from a checkpoint (frames reopened, its notes)."""
     pace = scene.solver.time_scaling
     # In simulated time, as everything here; frames are written at the time of the playback.
-    duration, fps = scene.solver.duration / pace, scene.output.fps * pace
+    duration, fps = scene.solver.duration / pace, min(scene.output.fps * pace, _MOST_FPS)
     every = scene.output.checkpoint_every
     every = every / pace if isinstance(every, float) else every
     model = sim.model
     surface = _shown_surface(model)
     checkpoints = RunCheckpoints(folder, scene, model, every)
     if went_on is None:
-        # One at the start and one at each 1/fps; one more at the end where that falls between.
-        n_frames = math.ceil(duration * fps - 1e-9) + 1
         path = _files(folder, model)["frames"]
-        writer = VTKHDFWriter(path, model, surface, frames=n_frames)
+        writer = VTKHDFWriter(path, model, surface, frames=reserved_frames(scene, sim))
         notes: dict[str, Any] = {"frames": 0, "last_time": -1.0, "wall": 0.0}
         notes["dt_crit"] = sim.dt_crit
         if pace != 1.0:
@@ -380,6 +389,11 @@ class _Frames(FrameQueue):
             von_mises=stress,
             on_surface={"von_mises": self._surface.of_elements(stress)},
         )
+
+
+def shown_surface(model: Model) -> BoundSurface:
+    """The surface that frames and picture of a run show."""
+    return model.surfaces[_shown_surface(model)]
 
 
 def _shown_surface(model: Model) -> str:

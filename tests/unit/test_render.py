@@ -285,3 +285,8 @@ def test_check_and_build_say_what_binds_nodes(tmp_path, monkeypatch):
         assert "skin " in checked.stdout
     run = call("run", "s.h5", "-o", "out", "--device", "native", "--quiet")
     assert run.exit_code == 0, run.output
+
+
+def test_help_lists_every_view():
+    text = " ".join(CliRunner().invoke(app, ["render", "--help"]).stdout.replace("│", " ").split())
+    assert f"front (from -y, +z up), back, side (from +x), {', '.join(list(VIEWS)[3:])};" in text

@@ -186,7 +186,12 @@ def _study(
     *,
     quiet: bool,
 ) -> Any:
-    """Compute a study into its folder, and say in ``run.json`` how it ended."""
+    """Compute a study into its folder, and say in ``run.json`` how it ended.
+
+    Settings that it refuses leave the folder as it was.
+    """
+    if example.check is not None:
+        example.check(**arguments)
     output.begin(about)
     try:
         found = example.call(output.path, device=device, quiet=quiet, **arguments)

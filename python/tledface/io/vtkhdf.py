@@ -36,7 +36,7 @@ from tledface.io._atomic import check_folder, sync
 from tledface.model import Model
 from tledface.surface import BoundSurface
 
-__all__ = ["VTKHDFSurfaceWriter", "VTKHDFWriter"]
+__all__ = ["VTKHDFSurfaceWriter", "VTKHDFWriter", "frame_bytes"]
 
 _VTK_HEXAHEDRON = 12
 _ENDING = ".vtkhdf"
@@ -458,6 +458,15 @@ class VTKHDFSurfaceWriter(_TimeSeries):
         self._append_arrays({name: self._checked(name, v) for name, v in arrays.items()})
         self._write_frame(self._root, "Points", points)
         self._add_step(time, first_point=self.n_steps * self._n_points)
+
+
+def frame_bytes(model: Model, surface: BoundSurface) -> int:
+    """Bytes on the disk of a frame with a scalar of the elements and one of the vertices."""
+    voxels = 3 * 4 * model.n_nodes + 4 * model.n_elements
+    skin = (3 * 8 + 4) * len(surface.vertices)
+    # Rows of `Steps`: six tables and one for each array, in both files.
+    rows = 8 * (32 + len(model.tissues) + len(model.muscles))
+    return voxels + skin + rows
 
 
 def _constant_fields(model: Model) -> dict[str, NDArray[np.generic]]:
