@@ -339,7 +339,7 @@ def test_kernels_of_a_step_put_nodes_back_as_a_pass_of_its_own_does(executor, na
         assert sim._core.fuses_sliding == (fuses and not loaded)
         for steps in (1, 2, 37, 200):
             sim.step(steps)
-        sim.run(until=2e-3)
+        assert sim.time > 2e-3
         reached.append(sim.u)
         reactions.append(sim._core.sliding_normals())
     allowed = 1e-12 if precision == "double" else 1e-6
