@@ -9,8 +9,6 @@
 namespace tledface {
 namespace {
 
-// Planes at a smaller angle than this, rad, are one.
-constexpr double kFlat = 1e-7;
 // Part of a zone that may be cut off: no plane is sought further.
 constexpr double kLittle = 0.01;
 // Directions in which planes are tilted, and the angle between them, rad.

@@ -10,6 +10,8 @@ namespace tledface {
 
 // Larger than any coordinate, m.
 constexpr double kFarOff = 1e30;
+// Planes and faces at a smaller angle than this, rad, are one.
+constexpr double kFlat = 1e-7;
 
 struct ZoneTriangle {
   Vec3 corner[3], normal, middle;

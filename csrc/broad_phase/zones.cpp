@@ -14,8 +14,6 @@ namespace {
 // Of each zone while zones are made, border by border; the kernels' are packed in groups.
 constexpr std::size_t kZoneReals = ZONE_BORDERS + ZONE_BORDER_REALS * ZONE_MOST_BORDERS;
 
-// Faces at a smaller angle than this, rad, are one plane.
-constexpr double kFlat = 1e-7;
 // Of an edge sharper than this cosine of half the angle between its normals there is no zone, nor
 // of a corner whose cone is as wide.
 constexpr double kSharp = 0.2;

@@ -222,7 +222,11 @@ void Simulator::set_state(const std::vector<double>& u, const std::vector<double
   write_reals(*u_[now_], now);
   auto before = now;
   if (!velocity.empty()) {
-    const auto v = nodes_to_slots(arrays_, velocity);
+    // Nothing slows a fixed component down: it would go on for ever.
+    auto free = velocity;
+    for (std::size_t i = 0; i < free.size(); ++i)
+      if (model_.fixed[i]) free[i] = 0;
+    const auto v = nodes_to_slots(arrays_, free);
     for (std::size_t i = 0; i < before.size(); ++i) before[i] -= step_of_real(i) * v[i];
   }
   write_reals(*u_[1 - now_], before);

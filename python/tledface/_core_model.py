@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+import reprlib
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface._frame import frame_origin
+from tledface._model_checks import unlike
 from tledface.conditions import prescribed_mask
 from tledface.errors import InputError
 from tledface.muscle import CALCIUM_BETA
@@ -18,7 +20,14 @@ from tledface.surface import HEX_CORNERS
 if TYPE_CHECKING:
     from tledface.model import Model
 
-__all__ = ["HostMemory", "check_number", "checked_field", "core_model", "core_sliding"]
+__all__ = [
+    "HostMemory",
+    "check_number",
+    "checked_field",
+    "core_model",
+    "core_sliding",
+    "is_number",
+]
 
 
 def core_sliding(model: Model) -> _core.SlidingNodes | None:
@@ -112,21 +121,35 @@ def core_model(
     return core
 
 
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether a value is a finite number."""
+    number = isinstance(value, (int, float, np.floating, np.integer))
+    try:
+        return number and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floats
+        return False
+
+
 def check_number(
     name: str, value: float, *, least: float, unit: str, exclusive: bool = False
 ) -> None:
     """Raise InputError unless ``value`` is a finite number of at least (or above) ``least``."""
-    good = isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
-    if not good or value < least or (exclusive and value == least):
+    if not is_number(value) or value < least or (exclusive and value == least):
         bound = f"above {least:g}" if exclusive else f"{least:g} or more"
         raise InputError(f"{name}: got {value!r}; allowed: a number {bound} ({unit})")
 
 
 def checked_field(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:
     """Finite float64 values of a shape; raises InputError."""
-    field = np.asarray(values, dtype=np.float64)
+    try:
+        field = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{name}: got {reprlib.repr(values)}; allowed: finite values of shape {shape}"
+        ) from None
     if field.shape != shape or not np.isfinite(field).all():
         raise InputError(
-            f"{name}: got shape {field.shape}; allowed: finite values of shape {shape}"
+            f"{name}: got {unlike(field, shape_fits=field.shape == shape)}; allowed: finite values "
+            f"of shape {shape}"
         )
     return field

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +17,26 @@ Mask = NDArray[np.bool_]
 # Node keys pack three grid indices in one int64.
 MAX_CELL = 2_000_000
 _FRACTION_SUM_TOLERANCE = 1e-6
+# Nodes have 32-bit numbers. The least that a model takes is asked about only where it is much.
+_MAX_NODES = 2**31 - 1
+_BYTES_PER_CELL, _SMALL_BLOCK = 300, 10**7
 
 
 def show(values: Floats) -> str:
     """Format a vector for a message."""
     return "(" + ", ".join(f"{v:.6g}" for v in values) + ")"
+
+
+def unlike(values: Floats, *, shape_fits: bool) -> str:
+    """Say why numbers are refused: their shape, or where the first that is not finite stands."""
+    if not shape_fits:
+        return f"shape {values.shape}"
+    bad = np.argwhere(~np.isfinite(values))
+    if not len(bad):
+        return f"shape {values.shape}"
+    value, place = values[tuple(bad[0])], ", ".join(map(str, bad[0].tolist()))
+    more = f" ({len(bad)} such of {values.size})" if len(bad) > 1 else ""
+    return f"{value} at [{place}]{more}, which is not finite"
 
 
 def floats(what: str, values: ArrayLike) -> Floats:
@@ -54,6 +70,42 @@ def checked_cells(cells: ArrayLike) -> NDArray[np.int32]:
     return np.array(grid, dtype=np.int32, order="C")
 
 
+def checked_block(nx: int, ny: int, nz: int) -> None:
+    """Refuse a block of more elements than can be numbered, or than there is memory for."""
+    got = f"block cells: got ({nx}, {ny}, {nz})"
+    if max(nx, ny, nz) > MAX_CELL or (nx + 1) * (ny + 1) * (nz + 1) > _MAX_NODES:
+        raise InputError(
+            f"{got}; allowed: {MAX_CELL} along an axis and {_MAX_NODES:.3g} nodes in all; take "
+            "fewer cells"
+        )
+    count = nx * ny * nz
+    if count > _SMALL_BLOCK:
+        from tledface.geometry.memory import available_memory
+
+        needed, there = _BYTES_PER_CELL * count, available_memory()
+        if needed > there:
+            raise InputError(
+                f"{got}, which need at least {needed / 1e9:.3g} GB of memory, {there / 1e9:.3g} GB "
+                "are there; take fewer cells"
+            )
+
+
+def checked_name(what: str, given: Any) -> str:
+    """Return a name, or refuse what is none, or none in files."""
+    if not isinstance(given, str) or not given.strip() or "\0" in given:
+        raise InputError(f"{what}: name must be a non-empty text without NUL, got {given!r}")
+    return given
+
+
+def checked_material(what: str, given: Any) -> Material:
+    """Return a material, or refuse what is none."""
+    if not isinstance(given, Material):
+        raise InputError(
+            f"{what}: got {given!r} as material; allowed: what tledface.material gives"
+        )
+    return given
+
+
 def checked_tissues(tissues: Sequence[str], materials: Sequence[Material]) -> list[str]:
     """Return distinct tissue names, one per material."""
     names = list(tissues)
@@ -61,6 +113,8 @@ def checked_tissues(tissues: Sequence[str], materials: Sequence[Material]) -> li
         raise InputError(f"tissues: got {names}, need one or more distinct names")
     if len(materials) != len(names):
         raise InputError(f"tissues: {len(names)} names but {len(materials)} materials")
+    for given in materials:
+        checked_material("tissues", given)
     return names
 
 

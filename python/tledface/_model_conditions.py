@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
-from tledface._model_checks import Floats, Mask, floats, show
+from tledface._model_checks import Floats, Mask, floats, show, unlike
 from tledface.conditions import (
     BodyForce,
     Prescribed,
@@ -220,9 +220,11 @@ class ConditionsMixin:
         values = floats("body_force: force", force)
         if values.shape == (self.n_elements, 3):
             values = values[mask]
-        if values.shape not in ((3,), (len(elements), 3)) or not np.isfinite(values).all():
+        fits = values.shape in ((3,), (len(elements), 3))
+        if not fits or not np.isfinite(values).all():
             raise InputError(
-                f"body_force: got shape {values.shape}; allowed: finite N/m3 of shape (3,), "
+                f"body_force: got {unlike(values, shape_fits=fits)}; allowed: finite N/m3 of shape "
+                "(3,), "
                 f"({len(elements)}, 3) for the selected elements or ({self.n_elements}, 3)"
             )
         self.body_forces.append(BodyForce(elements, values))

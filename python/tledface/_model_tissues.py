@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tledface._model_checks import Floats, Mask
+from tledface._model_checks import Floats, Mask, checked_material, checked_name
 from tledface.constitutive import Material
 from tledface.errors import InputError
 
@@ -48,8 +48,9 @@ class TissuesMixin:
                 tissue ``name`` with another material.
         """
         mask = self._select(where, self.centres, "set_material: where", "element")
-        if name is not None and (not isinstance(name, str) or not name.strip()):
-            raise InputError(f"set_material: name must be a non-empty text, got {name!r}")
+        checked_material("set_material", material)
+        if name is not None:
+            checked_name("set_material", name)
         if name is None:
             same = [t for t, m in enumerate(self.tissue_materials) if m == material]
             column = same[0] if same else len(self.tissues)

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from tledface import device as device_module
 from tledface._core_model import HostMemory
 from tledface._sampling import Sampling
-from tledface.conditions import prescribed_mask
 from tledface.errors import InputError
-from tledface.sliding import tangential
+from tledface.sliding import Sliding, tangential
 from tledface.snapshot import von_mises_of
 
 if TYPE_CHECKING:
@@ -26,6 +25,9 @@ class Results(Sampling):
     """The part of `Simulator` that reads its state."""
 
     _device: Any
+    # Of the model when the simulator was made: (n_nodes, 3) fixed or prescribed, nodes that slide.
+    _held: NDArray[np.bool_]
+    _sliding: Sliding
 
     @property
     def u(self) -> NDArray[np.float64]:
@@ -57,8 +59,8 @@ class Results(Sampling):
             InputError: ``where`` selects no node, or none that is held.
         """
         mask = self.model._select(where, self.model.nodes, "reaction: where", "node")
-        held = (self.model.fixed | prescribed_mask(self.model)) & mask[:, None]
-        sliding = self.model.sliding
+        held = self._held & mask[:, None]
+        sliding = self._sliding
         slides = mask[sliding.nodes]
         if not (held.any() or slides.any()):
             raise InputError("reaction: none of the selected nodes is fixed, prescribed or slides")

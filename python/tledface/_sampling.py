@@ -12,6 +12,7 @@ from tledface.conditions import Sampler, Values
 
 if TYPE_CHECKING:
     from tledface.model import Model
+    from tledface.muscle import Muscle
     from tledface.schedule import Schedule
 
 __all__ = ["Sampling"]
@@ -26,6 +27,7 @@ class Sampling:
     _core: _core.Simulator
     _conditions: Sampler
     _schedules: list[Schedule]
+    _muscles: tuple[Muscle, ...]
     _time_scaling: float
 
     if TYPE_CHECKING:
@@ -41,8 +43,7 @@ class Sampling:
         times *= self._time_scaling
         table = np.empty((len(times), len(self._schedules)))
         for column, schedule in enumerate(self._schedules):
-            muscle = self.model.muscles[column]
-            table[:, column] = muscle.active_share(schedule.sample(times))
+            table[:, column] = self._muscles[column].active_share(schedule.sample(times))
         return table
 
     def _activations_after(self, steps: NDArray[np.int64]) -> Floats:

@@ -1,7 +1,8 @@
 """The shipped examples by name, their variants, and their settings from the command line's words.
 
 An example is a module of ``tledface.examples`` with ``write(folder, *, ...) -> Path``, which makes
-surfaces and a scene, or ``study(folder, *, ...)``, which does all itself. Settings are its
+surfaces and a scene, or ``study(folder, *, ...)``, which does all itself, with ``check(*, ...)``,
+which raises InputError for settings that it refuses before it writes. Settings are its
 keyword-only parameters; ``VARIANTS`` (name to keyword arguments) and ``ABOUT_VARIANTS`` (name to a
 line) may stand beside it.
 """
@@ -81,6 +82,7 @@ class Example:
         about: One line.
         call: The module's ``write`` or ``study``.
         is_study: Whether it does all itself.
+        check: The module's ``check`` for a study, None where it has none.
         variants: Keyword arguments of each variant; the first, ``reference``, has none.
         about_variants: A line for each.
         settings: What may be set, by name.
@@ -90,6 +92,7 @@ class Example:
     about: str
     call: Any = field(repr=False)
     is_study: bool
+    check: Any = field(repr=False)
     variants: dict[str, dict[str, Any]]
     about_variants: dict[str, str]
     settings: dict[str, Setting]
@@ -106,6 +109,7 @@ class Example:
             (module.__doc__ or "").split("\n")[0],
             call,
             study,
+            getattr(module, "check", None) if study else None,
             variants,
             {variant: about.get(variant, "") for variant in variants},
             _settings(call),

@@ -13,9 +13,10 @@ import numpy as np
 
 from tledface import device as device_module
 from tledface.boundary import boundary_text
+from tledface.frame_plan import require_room
 from tledface.geometry.report import GEOMETRY_KEYS, geometry_lines
 from tledface.progress import spinner
-from tledface.run import simulator_of
+from tledface.run import shown_surface, simulator_of
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -114,6 +115,7 @@ def check_scene(
             model = scene.build()
     with spinner("timing some steps", quiet=quiet):
         sim = simulator_of(scene, model, opened)
+        require_room(scene, sim, shown_surface(model))
         dt, dt_crit = sim.dt, sim.dt_crit
         step_time = _time_step(sim)
     report = model.report

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from tledface import device as device_module
 from tledface.conditions import Values
-from tledface.errors import InputError
-from tledface.io._atomic import atomic_path
+from tledface.errors import InputError, SimulationError
+from tledface.io._atomic import as_path, atomic_path
 from tledface.io.model_file import UNITS, read_model, write_model
 from tledface.io.schedules import read_schedule, write_schedule
 from tledface.schedule import Schedule
@@ -83,6 +83,7 @@ def save(
         InputError: the folder does not exist or is not writable.
         OSError: the disk is full; an existing file stays as it was.
     """
+    target = as_path(path, "checkpoint")
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
         file.attrs.update({"format": FORMAT, "version": VERSION, "units": UNITS})
@@ -107,7 +108,7 @@ def save(
         file.create_group("device").attrs.update({key: getattr(info, key) for key in _DEVICE})
         _write_schedules(sim, file.create_group("schedules"))
         _write_state(sim, file.create_group("state"))
-    with atomic_path(Path(path), "checkpoint", durable=True) as part:
+    with atomic_path(target, "checkpoint", durable=True) as part:
         part.write_bytes(image.getbuffer())
 
 
@@ -118,12 +119,13 @@ def restore(
     activations: Mapping[str, float | Callable[[float], float]] | None = None,
 ) -> Simulator:
     """A simulator that goes on where `save` found one; see `Simulator.restore`."""
-    with _opened(Path(path)) as file:
+    path = as_path(path, "checkpoint")
+    with _opened(path) as file:
         opened, unlike = _find_device(file, device)
         try:
-            return _read(file, Path(path), opened, unlike, activations or {})
-        except InputError:
-            raise
+            return _read(file, path, opened, unlike, activations or {})
+        except (InputError, SimulationError):
+            raise  # what was asked for, or the device: the file may be whole
         except (KeyError, OSError, TypeError, ValueError, IndexError, RuntimeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise DamagedCheckpoint(f"checkpoint {path}: damaged ({reason})") from None
@@ -140,7 +142,8 @@ def read_notes(path: str | Path) -> dict[str, Any]:
 
 def _opened(path: Path) -> h5py.File:
     if not path.is_file():
-        raise DamagedCheckpoint(f"checkpoint {path}: no such file")
+        found = "is a folder; give a file in it" if path.is_dir() else "no such file"
+        raise DamagedCheckpoint(f"checkpoint {path}: {found}")
     try:
         file = h5py.File(path, "r")
     except OSError:
@@ -171,6 +174,8 @@ def _read(
     watch = {key: _plain(value) for key, value in file["watch"].attrs.items()}
     state = {key: _plain(value) for key, value in file["state"].attrs.items()}
     state |= {key: data[()] for key, data in file["state/arrays"].items()}
+    if options.get("hourglass") == "physical":
+        options.pop("hourglass_kappa", None)  # stored, but that form has none
     model = read_model(file["model"])
     schedules = _read_schedules(file["schedules"], path, activations)
     sim = Simulator(model, device=device, **scaling_of(options))
@@ -186,7 +191,6 @@ def _read(
         state.pop("sliding", None)  # arranged as its device needs it; sought again
     if layout["lanes"] != sim._core.lanes:
         state = _moved(state, layout, sim, path)
-        sim._watch.stale = True  # levels of subcycling are those of other blocks
     sim._core.set_raw_state(**state)
     sim._applied = Values(**{key: data[()] for key, data in file["applied"].items()})
     if sim._ledger is not None:
@@ -197,6 +201,8 @@ def _read(
     for key in _WATCH:
         if key in watch:  # older files have no bound_then, iterated_at, pace
             setattr(sim._watch, key, watch[key])
+    if layout["lanes"] != sim._core.lanes:
+        sim._watch.stale = True  # levels of subcycling are those of other blocks
     if unlike:
         warnings.warn(f"checkpoint {path}: {unlike}; not bit for bit", stacklevel=4)
     return sim
@@ -206,9 +212,7 @@ def _read(
 
 
 def _write_schedules(sim: Simulator, group: h5py.Group) -> None:
-    for number, (muscle, schedule) in enumerate(
-        zip(sim.model.muscles, sim._schedules, strict=True)
-    ):
+    for number, (muscle, schedule) in enumerate(zip(sim._muscles, sim._schedules, strict=True)):
         entry = group.create_group(str(number))
         entry.attrs["muscle"] = muscle.name
         write_schedule(schedule, entry)

@@ -65,7 +65,7 @@ class Prescribed:
         """A value for each node, whose reference positions are ``X`` (n, 3), at ``t`` (s)."""
         if not callable(self.value):
             return cast(Floats, self.value)
-        got = np.asarray(cast(FieldOfTime, self.value)(t, X.copy()), dtype=np.float64)
+        got = _numbers(cast(FieldOfTime, self.value)(t, X.copy()))
         if got.shape not in ((), (len(X),)) or not np.isfinite(got).all():
             raise InputError(
                 f"prescribe: component {'xyz'[self.component]}: the callable gave shape "
@@ -174,7 +174,8 @@ class Sampler:
         for record in self._fields:
             self.core.add_fields(3 * record.nodes + record.component)
         self._positions = [model.nodes[record.nodes] for record in self._fields]
-        surfaces = [model.sliding.surfaces[n] for n in model.sliding.moving]
+        self._sliding = model.sliding  # the model's may be another later
+        surfaces = [self._sliding.surfaces[n] for n in self._sliding.moving]
         self._motions = [(s.name, s.motion) for s in surfaces if s.motion is not None]
 
     @property
@@ -275,7 +276,7 @@ class Sampler:
             x: (n_nodes, 3) m, where nodes are at ``begin``.
             begin, end: s.
         """
-        sliding = self.model.sliding
+        sliding = self._sliding
         ways = np.zeros((len(sliding), 3))
         for index in sliding.moving:
             motion, on = sliding.surfaces[index].motion, sliding.surface == index
@@ -368,8 +369,16 @@ def _finite(value: Any, what: str, t: float) -> float:
     return number
 
 
+def _numbers(value: Any) -> Floats:
+    """An array; one NaN where the value is none, which is refused as any NaN is."""
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.full(1, np.nan)
+
+
 def _finite_vector(value: ArrayLike, what: str, t: float) -> Floats:
-    vector = np.asarray(value, dtype=np.float64)
+    vector = _numbers(value)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise InputError(f"{what}: got {value!r} at t = {t:g} s; allowed: three finite numbers")
     return vector

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface._model_checks import Floats, checked_fractions, checked_tissues, floats
+from tledface._model_checks import Floats, checked_fractions, checked_tissues, floats, unlike
 from tledface.constitutive import Material
 from tledface.errors import InputError
 from tledface.model import Model
@@ -47,8 +47,10 @@ class HexahedralModel(Model):
     ) -> None:
         """Check and hold the arrays; see `Model.from_hexahedra`."""
         points = floats("nodes", nodes)
-        if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-            raise InputError(f"nodes: got shape {points.shape}, need (n, 3) finite metres")
+        fits = points.ndim == 2 and points.shape[1] == 3
+        if not fits or not np.isfinite(points).all():
+            got = unlike(points, shape_fits=fits)
+            raise InputError(f"nodes: got {got}; allowed: finite metres of shape (n, 3)")
         corners = np.asarray(elements)
         if corners.ndim != 2 or corners.shape[1] != 8 or corners.dtype.kind not in "iu":
             raise InputError(
@@ -177,9 +179,13 @@ def _tissues_of(
     mesh: meshio.Mesh,
     path: Path,
 ) -> tuple[list[str], list[Material], Floats]:
-    # Names of regions, where the file has them: name -> (number, dimension).
-    numbers = {name: int(np.asarray(data).reshape(-1)[0]) for name, data in mesh.field_data.items()}
-    names_of = {number: name for name, number in numbers.items()}
+    # Names of regions, where the file has them: name -> (number, dimension). Groups of surfaces
+    # have numbers of their own.
+    names_of = {}
+    for name, data in mesh.field_data.items():
+        number, *dimension = np.asarray(data).reshape(-1).tolist()
+        if dimension in ([], [3]):
+            names_of[int(number)] = name
     names, laws, fractions = [], [], []
     for number in np.unique(region).tolist():
         name = names_of.get(number, str(number))

@@ -20,6 +20,8 @@ __all__ = ["Material", "material", "materials", "parse_material"]
 Vector = tuple[float, float, float]
 
 _PRONY_TERMS = 3
+# Single precision holds moduli and densities within these, and their products with cells too.
+_LEAST, _MOST = 1e-15, 1e15
 
 
 @dataclass(frozen=True)
@@ -185,6 +187,16 @@ def _checked(given: Mapping[str, object], *, bare_si: bool) -> Material:
             f"{law.name}: shear modulus {made.mu:g} Pa and bulk modulus {made.bulk:g} Pa at rest; "
             "both must be above 0"
         )
+    for key, value, unit in (
+        ("shear modulus", made.mu, "Pa"),
+        ("bulk modulus", made.bulk, "Pa"),
+        ("density", made.density, "kg/m^3"),
+    ):
+        if not _LEAST <= value <= _MOST:
+            raise InputError(
+                f"{key}: got {value:g} {unit} for {law.name}; allowed: {_LEAST:g} to {_MOST:g} "
+                f"{unit}, which single precision holds"
+            )
     return made
 
 
@@ -209,6 +221,11 @@ def _read_parameters(law: Law, given: Mapping[str, object], *, bare_si: bool) ->
             values[parameter.name] = parameter.read(given[parameter.name], bare)
         except InputError as error:
             raise InputError(f"{parameter.name}: {error}") from None
+        if parameter.kind == "pressure" and abs(values[parameter.name]) > _MOST:
+            raise InputError(
+                f"{parameter.name}: got {given[parameter.name]!r}; allowed: up to {_MOST:g} "
+                f"{parameter.unit}, which single precision holds"
+            )
     return values
 
 

@@ -19,6 +19,7 @@ from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
 from tledface.picture import round_length
 from tledface.tissue_colours import INK, NODE_COLOURS, node_kinds, tissue_colours
+from tledface.voxel_view import require_voxels
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -49,6 +50,7 @@ def cut_picture(path: str | Path, model: Model, axis: str, at: float) -> Path:
     path = Path(path)
     if path.suffix.lower() != ".png":
         raise InputError(f"picture {path}: the name must end in .png")
+    require_voxels("cut picture", model)
     if axis not in _IN_PICTURE:
         raise InputError(f"cut: got axis {axis!r}; allowed: x, y or z")
     normal = "xyz".index(axis)

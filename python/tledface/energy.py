@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from tledface import _core
 from tledface import device as device_module
+from tledface._contact import on_surfaces
 from tledface._core_model import core_model
 from tledface.conditions import Values, prescribed_mask
 from tledface.errors import InputError
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["EnergyLedger", "EnergyWarning", "energy_interval", "ledger_of"]
 
 Floats = NDArray[np.float64]
+# Nodes (n,) and ways (n, 3), m.
+Carried = tuple[NDArray[np.int64], Floats]
 
 # A run is suspect when hourglass energy is above this share of the strain energy with it (at the
 # bending of thin films it may be most of it: see the limit below), or the balance is off by more
@@ -44,6 +47,7 @@ _WORTH = 1e-3
 # The first entries of a start from rest are small differences of small numbers.
 _FIRST_ENTRIES = 5
 _WORST = 3
+_ARRAYS = ("u", "external", "muscle", "contact")
 
 
 class EnergyWarning(RuntimeWarning):
@@ -60,6 +64,7 @@ class _Entry:
     u: Floats
     external: Floats
     muscle: Floats
+    contact: Floats  # (n, 3) of surfaces that move on their nodes
     damping_power: float
     hourglass_by_element: Floats
 
@@ -75,6 +80,8 @@ class EnergyLedger:
         damping: 1/s.
         held: (n_nodes, 3), fixed or prescribed components.
         sliding: Nodes that slide: surfaces that stand still do no work but by friction.
+        nodes: (n_nodes, 3) m, at rest.
+        ways: Of surfaces that move, `Sampler.carried`.
         name_of: Name of an element's tissue or muscle.
         volume: (n_elem,) m3.
     """
@@ -89,12 +96,19 @@ class EnergyLedger:
         damping: float,
         held: NDArray[np.bool_],
         sliding: Sliding,
+        nodes: Floats,
+        ways: Callable[[Floats, float, float], Carried],
         name_of: Callable[[int], str],
         volume: Floats,
     ) -> None:
         """See the class."""
         self._core, self._host, self._passive, self._past = core, host, passive, past
         self._damping, self._held, self._sliding = damping, held, sliding
+        # Those whose surfaces do more than to take the force along their normals.
+        plain = (sliding.friction == 0.0) & ~sliding.release
+        plain &= ~np.isin(sliding.surface, sliding.moving)
+        self._ruled = sliding.without(sliding.nodes[plain])
+        self._nodes, self._ways = nodes, ways
         self._name_of, self._volume = name_of, volume
         self._mass = np.asarray(core.node_masses())[:, None]
         self.restart()
@@ -110,9 +124,7 @@ class EnergyLedger:
         self._warned: set[str] = set()
         self._last_time = math.nan
 
-    def enter(
-        self, now: Values, prescribed_next: Floats, carried: tuple[NDArray[np.int64], Floats]
-    ) -> dict[str, float]:
+    def enter(self, now: Values, prescribed_next: Floats, carried: Carried) -> dict[str, float]:
         """Enter the state of now and return the energies, J.
 
         Args:
@@ -129,6 +141,7 @@ class EnergyLedger:
         else:
             moved = entry.u - self._last.u
             self._external += _work(self._last.external, entry.external, moved)
+            self._external += self._work_of_surfaces(self._last, entry, time)
             self._muscle += _work(self._last.muscle, entry.muscle, moved)
             power = 0.5 * (self._last.damping_power + entry.damping_power)
             self._dissipated += power * (time - self._last_time)
@@ -165,11 +178,13 @@ class EnergyLedger:
                 self._largest,
                 self._last_time,
                 self._rubbed,
+                self._rubbed_before,
+                self._rubbed_in_core(),
             ]
         )
         if self._last is None:
             return {"sums": sums}
-        arrays = {key: getattr(self._last, key) for key in ("u", "external", "muscle")}
+        arrays = {key: getattr(self._last, key) for key in _ARRAYS}
         stored = [
             self._last.kinetic,
             self._last.strain,
@@ -179,7 +194,7 @@ class EnergyLedger:
         return {"sums": sums, "stored": np.array(stored), **arrays}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go on from what `state` gave."""
+        """Go on from what `state` gave; the core has its state already."""
         (
             self._start,
             self._muscle,
@@ -190,11 +205,18 @@ class EnergyLedger:
             self._last_time,
             *rubbed,
         ) = map(float, state["sums"])
-        # Files of before there was friction have none.
+        # Files of before there was friction have none, later ones no counter.
         self._rubbed = rubbed[0] if rubbed else 0.0
+        in_core = self._rubbed_in_core()
+        before, counter = rubbed[1:] if len(rubbed) > 1 else (in_core, in_core)
+        # A core that could not take its counter over counts from 0: what was rubbed since the last
+        # entry is owed still.
+        self._rubbed_before = before + (in_core - counter)
         if "stored" in state:
             kinetic, strain, hourglass, power = map(float, state["stored"])
-            arrays = {key: np.asarray(state[key]) for key in ("u", "external", "muscle")}
+            # Files of before surfaces rubbed while they moved have their forces in `external`.
+            none = np.zeros((int(np.isin(self._ruled.surface, self._ruled.moving).sum()), 3))
+            arrays = {key: np.asarray(state.get(key, none)) for key in _ARRAYS}
             self._last = _Entry(
                 kinetic,
                 strain,
@@ -204,13 +226,22 @@ class EnergyLedger:
                 **arrays,
             )
 
+    def _work_of_surfaces(self, last: _Entry, entry: _Entry, time: float) -> float:
+        """Force on each node times the way of the place of the surface that it is on.
+
+        What a node has moved along its surface meanwhile is friction's.
+        """
+        if not len(entry.contact):
+            return 0.0
+        _, there = self._ways(self._nodes + last.u, self._last_time, time)
+        _, back = self._ways(self._nodes + entry.u, time, self._last_time)
+        return 0.5 * float((last.contact * there - entry.contact * back).sum())
+
     def _rubbed_in_core(self) -> float:
         losses = np.asarray(self._core.friction_losses())
         return float((losses * self._mass[self._sliding.nodes, 0]).sum()) if len(losses) else 0.0
 
-    def _evaluate(
-        self, now: Values, prescribed_next: Floats, carried: tuple[NDArray[np.int64], Floats]
-    ) -> _Entry:
+    def _evaluate(self, now: Values, prescribed_next: Floats, carried: Carried) -> _Entry:
         core = self._core
         node_steps = np.asarray(core.node_steps())[:, None]
         dt = float(core.dt) * node_steps
@@ -226,33 +257,41 @@ class EnergyLedger:
             internal = np.asarray(core.internal_force(now.activations))
         loads = np.asarray(core.external_force(now.channels))
         before = np.asarray(core.velocity())
-        normals = np.asarray(core.sliding_normals())
         # Where steps differ, elements of longer ones give their nodes the impulse of all of theirs.
         pushing = internal
         if subcycles:
             pushing = np.asarray(core.weighted_force(now.activations)) / node_steps
-        acceleration = tangential(loads - pushing, self._sliding, normals) / self._mass
+        normals = np.asarray(core.sliding_normals())
+        acting = tangential(loads - pushing, self._sliding, normals)
+        ruled = self._ruled.nodes
+        acting[ruled] = (loads - pushing)[ruled]
         half = self._damping * dt / 2
+        # `before` of a start is the velocity of this moment: half a step to either side of it.
+        gain = dt / 2 if core.starts else dt / (1 + half)
+        loss = 1 - half if core.starts else (1 - half) / (1 + half)
+        after = before * loss + acting / self._mass * gain
+        after = np.where(self._held, (prescribed_next - u) / dt, after)
+        contact = np.zeros((len(ruled), 3))
+        if len(ruled):
+            surface = np.zeros_like(u)
+            surface[carried[0]] = carried[1]
+            ways, changes = on_surfaces(
+                after[ruled] * dt[ruled],
+                before[ruled] * dt[ruled],
+                surface[ruled],
+                normals[np.searchsorted(self._sliding.nodes, ruled)],
+                self._ruled,
+                self._held[ruled],
+            )
+            after[ruled] = ways / dt[ruled]
+            contact = changes * self._mass[ruled] / (gain * dt)[ruled]
         if core.starts:
-            # `before` is the velocity of this moment: half a step to either side of it.
-            after = before * (1 - half) + acceleration * dt / 2
-            after = np.where(self._held, (prescribed_next - u) / dt, after)
             before = 2 * before - after
             before[self._held] = 0.0
-        else:
-            after = (before * (1 - half) + acceleration * dt) / (1 + half)
-            after = np.where(self._held, (prescribed_next - u) / dt, after)
-        # A surface that moves takes its nodes along its normal.
-        nodes, ways = carried
-        normal = normals[np.searchsorted(self._sliding.nodes, nodes)]
-        lacking = ((ways / dt[nodes] - after[nodes]) * normal).sum(axis=1, keepdims=True)
-        after[nodes] += np.where(self._held[nodes], 0.0, lacking * normal)
         # Supports give held components the motion they have: their force from its equation.
         mean = 0.5 * (before + after)
         inertia = self._mass * ((after - before) / dt + self._damping * mean)
         external = np.where(self._held, inertia + internal, loads)
-        lacking = ((inertia + internal - loads)[nodes] * normal).sum(axis=1, keepdims=True)
-        external[nodes] += np.where(self._held[nodes], 0.0, lacking * normal)
         state = core.element_state(now.activations)
         hourglass = np.asarray(state["hourglass_density"]) * self._volume
         return _Entry(
@@ -262,6 +301,7 @@ class EnergyLedger:
             u=u,
             external=external,
             muscle=muscle,
+            contact=contact[np.isin(ruled, carried[0])],
             damping_power=self._damping * float((self._mass * mean**2).sum()),
             hourglass_by_element=hourglass,
         )
@@ -298,6 +338,7 @@ def ledger_of(
     model: Model,
     density: Floats,
     options: Mapping[str, Any],
+    ways: Callable[[Floats, float, float], Carried],
     name_of: Callable[[int], str],
 ) -> EnergyLedger:
     """The ledger of a simulator.
@@ -307,6 +348,7 @@ def ledger_of(
         model: Its model.
         density: (n_elem,) kg/m3, with mass scaling.
         options: `Simulator`'s; ``hourglass``, ``hourglass_kappa`` and ``damping`` are read.
+        ways: Of surfaces that move, `Sampler.carried`.
         name_of: Name of an element's tissue or muscle.
     """
     native = device_module.resolve("native")
@@ -331,6 +373,8 @@ def ledger_of(
         damping=options["damping"],
         held=model.fixed | prescribed_mask(model),
         sliding=model.sliding,
+        nodes=model.nodes,
+        ways=ways,
         name_of=name_of,
         volume=model.volumes,
     )

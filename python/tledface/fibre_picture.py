@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
 from tledface.raster import rasterise, view_axes
+from tledface.voxel_view import require_voxels
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -83,6 +84,7 @@ def fibre_picture(
     path = Path(path)
     if path.suffix.lower() != ".png":
         raise InputError(f"picture {path}: the name must end in .png")
+    require_voxels("fibre picture", model)
     chosen = _chosen(model, muscles)
     axes = _view(view)
     drawn = np.unique(np.concatenate([muscle.elements for muscle in chosen]))

@@ -73,7 +73,7 @@ def measure_folds(
     strengths: Mapping[str, float],
     outer: Boxes | None = None,
 ) -> Folds | None:
-    """Measure the folds over the strongest muscle; None if no muscle pulls.
+    """Measure the folds over the strongest muscle; None if no muscle pulls, or along no length.
 
     Arguments: ``surface``, a name in ``model.surfaces``; ``u`` (n_nodes, 3) m; ``strengths``,
     active stress (Pa) by muscle name; ``outer``, boxes (low, high corner, m) that hold the outer
@@ -95,6 +95,8 @@ def measure_folds(
     across = np.cross(up, along)
     now = centres + u[model.elements[muscle.elements]].mean(axis=1)
     start, end = np.quantile(now @ along, [0.02, 0.98])
+    if end - start < model.shortest_edge:
+        return None  # a muscle of a voxel or two has no line to measure along
     height = float((now @ up).mean())
     moved = bound.displaced(u)
     found = []

@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tledface._model_checks import vector
 from tledface.errors import InputError
 from tledface.raster import rasterise, view_axes
 
@@ -30,6 +31,10 @@ _DEGREE = 4
 # Standard deviation of the window over the wavelength of which the fit keeps half:
 # (1 + q + q^2/2) exp(-q) = 1/2 with q = (2 pi s / wavelength)^2 / 2.
 _WINDOW = 0.368
+# Samples; with less the neighbours count for too little to fit a polynomial.
+_LEAST_WINDOW = 0.7
+# Standard deviations past which the window is nothing beside 1 in float64.
+_REACH = 9.0
 
 
 _NO_FOLDS = (np.empty(0), np.empty(0), np.empty(0, dtype=bool))
@@ -99,7 +104,8 @@ def wrinkles(
         relative_prominence: and at least this share of the line's most prominent ridge.
 
     Raises:
-        InputError: wrong dimensions, fewer than 7 samples, or a spacing that is not positive.
+        InputError: wrong dimensions, no line, fewer than 7 samples, or a spacing that is not
+            positive or too coarse for the shape's wavelength.
 
     A ridge is a local maximum of heights less shape, inside the line and with a valley inside
     the line on one side at least. Prominence is the ridge's height above the higher of the two
@@ -163,8 +169,8 @@ def height_map(
         up: Direction of the columns; rows run along ``up x direction``.
 
     Raises:
-        InputError: no faces, a spacing that is not positive or gives over 10^8 samples, or
-            ``up`` parallel to ``direction``.
+        InputError: no faces or of vertices that are not there, a spacing that is not positive or
+            gives over 10^8 samples, or ``up`` parallel to ``direction``.
     """
     points, triangles = _checked_surface(vertices, faces)
     axes = view_axes(direction, up)
@@ -211,9 +217,11 @@ def line_profile(
     Exact: triangles are cut by the plane of the line and the heights.
     """
     points, triangles = _checked_surface(vertices, faces)
-    first: Floats = np.asarray(start, dtype=np.float64)
-    last: Floats = np.asarray(end, dtype=np.float64)
-    upward: Floats = np.array(direction, dtype=np.float64)
+    first = vector("line profile: start", start)
+    last = vector("line profile: end", end)
+    upward = vector("line profile: direction", direction)
+    if not upward.any():
+        raise InputError("line profile: got direction (0, 0, 0); allowed: a direction of a length")
     upward /= float(np.linalg.norm(upward))
     along: Floats = last - first - ((last - first) @ upward) * upward
     length = float(np.linalg.norm(along))
@@ -268,20 +276,30 @@ def _checked_lines(
             f"wrinkles: heights have shape {patch.shape}, need (n,) or (lines, n) with n of at "
             f"least {_MIN_SAMPLES}"
         )
+    if not len(patch):
+        raise InputError(f"wrinkles: heights have shape {patch.shape}, need one line at least")
     for name, value in (("spacing", spacing), ("shape_wavelength", shape_wavelength)):
         if value is not None and not (np.isfinite(value) and value > 0.0):
             raise InputError(f"wrinkles: {name} must be above 0, got {value!r}")
     wavelength = shape_wavelength or min(
         patch.shape[-1] * spacing * _SHAPE_SHARE, _SHAPE_WAVELENGTH
     )
-    return np.atleast_2d(patch), _WINDOW * wavelength / spacing
+    window = _WINDOW * wavelength / spacing
+    if window < _LEAST_WINDOW:
+        most = _WINDOW * wavelength / _LEAST_WINDOW
+        raise InputError(
+            f"wrinkles: a spacing of {spacing:.4g} m is too coarse for a shape_wavelength of "
+            f"{wavelength:.4g} m; allowed: at most {most:.4g} m (heights and spacing are in metres)"
+        )
+    return np.atleast_2d(patch), window
 
 
 def _detail(line: Floats, window: float) -> Floats:
     """Heights less shape of a finite line."""
     level = line - line.mean()
-    result: Floats = level - _smoother(len(line), window) @ level
-    return result
+    kernels, fit = _local_fit(len(line), window)
+    shape = sum(fit[:, power] * _about(level, kernel) for power, kernel in enumerate(kernels))
+    return np.asarray(level - shape)
 
 
 def _checked_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Floats, NDArray[np.integer]]:
@@ -290,6 +308,13 @@ def _checked_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Floats, NDA
         raise InputError(f"surface: vertices of shape {points.shape} must be (nv, 3) and finite")
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
         raise InputError(f"surface: faces have shape {triangles.shape}, need (nf, 3), nf above 0")
+    if not np.issubdtype(triangles.dtype, np.integer):
+        raise InputError(f"surface: faces are {triangles.dtype}, need whole numbers of vertices")
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise InputError(
+            f"surface: faces name vertices {triangles.min()} to {triangles.max()}; allowed: 0 to "
+            f"{len(points) - 1}"
+        )
     return points, triangles
 
 
@@ -301,21 +326,30 @@ def _longest_finite(line: Floats) -> tuple[int, int]:
     return int(edges[2 * longest]), int(edges[2 * longest + 1])
 
 
+def _about(line: Floats, kernel: Floats) -> Floats:
+    """Sums over a line (n,) about each of its samples, weighted by a kernel of odd length."""
+    reach = len(kernel) // 2
+    result: Floats = np.convolve(line, kernel[::-1])[reach : reach + len(line)]
+    return result
+
+
 @lru_cache(maxsize=8)
-def _smoother(n: int, window: float) -> Floats:
-    """The (n, n) matrix of the local fit under a Gaussian of that standard deviation."""
-    t = (np.arange(n) - np.arange(n)[:, None]) / window
-    weight = np.exp(-0.5 * t**2)
-    moments = np.stack([(weight * t**power).sum(axis=1) for power in range(2 * _DEGREE + 1)])
+def _local_fit(n: int, window: float) -> tuple[Floats, Floats]:
+    """Of a polynomial fit about each sample under a Gaussian of that standard deviation.
+
+    Returns:
+        kernels (degree + 1, k): the Gaussian times each power of the way from the sample; and
+        what the sums under them count for in the fit at each sample (n, degree + 1).
+    """
+    reach = min(n - 1, int(np.ceil(_REACH * window)))
+    t = np.arange(-reach, reach + 1) / window
+    kernels = np.exp(-0.5 * t**2) * t ** np.arange(2 * _DEGREE + 1)[:, None]
+    moments = np.stack([_about(np.ones(n), kernel) for kernel in kernels])
     gram = np.stack([moments[power : power + _DEGREE + 1] for power in range(_DEGREE + 1)])
     at_zero = np.zeros((n, _DEGREE + 1, 1))
     at_zero[:, 0] = 1.0
     fit = np.linalg.solve(gram.transpose(2, 0, 1), at_zero)[..., 0]
-    # Horner's rule over the powers of t.
-    polynomial = np.zeros_like(t)
-    for power in range(_DEGREE, -1, -1):
-        polynomial = polynomial * t + fit[:, power, None]
-    return weight * polynomial
+    return kernels[: _DEGREE + 1], fit.astype(np.float64)
 
 
 def _line_folds(

@@ -19,10 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 from tledface._model_checks import (
     Floats,
     Mask,
+    checked_block,
     checked_cells,
     checked_fibre,
     checked_fill,
     checked_fractions,
+    checked_name,
     checked_section,
     checked_tissues,
     checked_weight,
@@ -145,7 +147,8 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
         Elements are numbered with x fastest, then y, then z.
 
         Raises:
-            InputError: a count below 1 or not whole, a size that is not positive and finite.
+            InputError: a count below 1, not whole or beyond the memory, a size that is not
+                positive and finite.
         """
         counts = np.asarray(cells)
         if counts.shape != (3,) or counts.dtype.kind not in "iu" or (counts < 1).any():
@@ -154,6 +157,7 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
         if not (edges > 0.0).all():
             raise InputError(f"block size: got {show(edges)} m, every edge must be above 0")
         nx, ny, nz = (int(n) for n in counts)
+        checked_block(nx, ny, nz)
         grid = np.empty((nz, ny, nx, 3), dtype=np.int32)
         grid[..., 0] = np.arange(nx)
         grid[..., 1] = np.arange(ny)[:, None]
@@ -361,8 +365,7 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
         Raises:
             InputError: any of the above does not hold, or ``where`` selects nothing.
         """
-        if not isinstance(name, str) or not name.strip():
-            raise InputError(f"muscle: name must be a non-empty text, got {name!r}")
+        checked_name("muscle", name)
         if any(muscle.name == name for muscle in self.muscles):
             raise InputError(f"muscle {name!r}: the model has one already; choose another name")
         mask = self._select(where, self.centres, f"muscle {name!r}: where", "element")

@@ -22,7 +22,7 @@ from tledface.io._atomic import atomic_path, check_folder
 from tledface.picture import round_length
 from tledface.surface import boundary_faces
 from tledface.tissue_colours import INK, NODE_COLOURS, node_kinds, tissue_colours
-from tledface.voxel_view import VIEWS, VoxelView, opposite
+from tledface.voxel_view import VIEWS, VoxelView, opposite, require_voxels
 
 if TYPE_CHECKING:
     from tledface.model import Model
@@ -65,6 +65,7 @@ def model_pictures(
     Raises:
         InputError: an unknown view, a cut that meets no voxel, a folder that cannot be written.
     """
+    require_voxels("pictures of a model", model)
     folder = Path(folder)
     chosen = default_views(model) if views is None else list(dict.fromkeys(views))
     for view in chosen:

@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from tledface._model_checks import show
 from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
 from tledface.metrics import detail, line_profile, wrinkles
@@ -61,7 +62,7 @@ def wrinkle_picture(
 
     Raises:
         InputError: another ending, no such folder, arrays of a wrong shape or not finite, an
-            unknown view.
+            unknown view, a profile's line off the surface.
     """
     path = Path(path)
     if path.suffix.lower() != ".png":
@@ -219,6 +220,13 @@ def _draw_profile(
     line: Line,
 ) -> None:
     (distance, rest), (_, deformed) = (_profile(p, faces, line, camera) for p in states)
+    ends = [show(np.asarray(end, dtype=np.float64)) for end in line]
+    for state, heights in (("at rest", rest), ("deformed", deformed)):
+        if not np.isfinite(heights).any():
+            raise InputError(
+                f"profile: no surface {state} along the line from {ends[0]} to {ends[1]} m; "
+                "allowed: two points with the surface between them, seen by the viewer"
+            )
     spacing = float(distance[1])
     metrics = wrinkles(deformed, spacing)
     label = "height, mm"

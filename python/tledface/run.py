@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from tledface import device as device_module
 from tledface.errors import InputError, SimulationError
+from tledface.frame_plan import require_room, reserved_frames
 from tledface.frame_queue import FrameQueue
 from tledface.io.surfaces import write_surface
 from tledface.io.vtkhdf import VTKHDFWriter
@@ -42,10 +44,13 @@ __all__ = [
     "resume_run",
     "run_scene",
     "save_built",
+    "shown_surface",
     "simulator_of",
 ]
 
 _PROGRESS_TICKS = 100
+_MOST_STEPS = 1e12  # years
+_MOST_FPS = 1e12  # a step gives one frame at most
 
 
 def run_scene(
@@ -64,7 +69,8 @@ def run_scene(
     ``frames_surface.vtkhdf`` (the skin over time, with the stress under it), ``skin.ply`` (the skin
     at the end, m), an OBJ file for each of ``[[surfaces]]``, ``wrinkles.png`` and ``run.json``.
     Nothing is written before model and simulator stand. A run that fails midway keeps its frames,
-    and its checkpoints (``[output] checkpoint_every``) for `resume_run`.
+    and its checkpoints (``[output] checkpoint_every``) for `resume_run`. While it lasts other
+    processes are refused the folder, with ``force`` too.
 
     Arguments: ``device`` as for ``Simulator``; ``force`` replaces an earlier run in ``out_dir``;
     ``model``, the scene's model where it is built already; ``about``, more for ``run.json``.
@@ -78,12 +84,14 @@ def run_scene(
             model = scene.build()
     with spinner("preparing the simulation", quiet=quiet):
         sim = simulator_of(scene, model, opened)
+    require_room(scene, sim, shown_surface(model), folder.path, folder.free())
     facts: dict[str, Any] = {**(about or {}), "scene": str(scene.path) if scene.path else None}
     parts = ["frames.part.vtkhdf", "frames_surface.part.vtkhdf"]
-    folder.begin(facts, files=[*(x.name for x in _files(folder.path, model).values()), *parts])
-    remove_from(folder.path)
     work = partial(_simulate, scene, sim, folder.path, opened.info.name, quiet=quiet)
-    return _recorded(work, sim, folder, facts)
+    with folder.held():
+        folder.begin(facts, files=[*(x.name for x in _files(folder.path, model).values()), *parts])
+        remove_from(folder.path)
+        return _recorded(work, sim, folder, facts)
 
 
 def resume_run(directory: str | Path, *, device: Any = None, quiet: bool = False) -> RunResult:
@@ -97,15 +105,33 @@ def resume_run(directory: str | Path, *, device: Any = None, quiet: bool = False
     Raises InputError (no run, one that is finished or still going on, no checkpoint, no such
     device) and SimulationError (a state that is not finite).
     """
+    _unfinished(directory)
+    folder = OutputFolder(directory, force=True)
+    opened = None if device is None else device_module.resolve(device)
+    with folder.held():
+        # Looked at again: the run may have come to its end just before it gave the folder free.
+        return _go_on(folder, _unfinished(directory), opened, quiet=quiet)
+
+
+def _unfinished(directory: str | Path) -> dict[str, Any]:
+    """What ``run.json`` says of a run that has not come to its end; raises InputError else."""
     about = earlier_run(Path(directory))
     if about is None:
         raise InputError(f"resume {directory}: no run; give the folder of `tledface run`")
+    if "scene" not in about and "demo" in about:
+        raise InputError(
+            f"resume {directory}: a study, which has no checkpoints; run "
+            f"`tledface demo {about['demo']} --force -o {directory}` again"
+        )
     if about.get("state") == "finished":
         raise InputError(f"resume {directory}: the run is finished; there is nothing to resume")
-    folder = OutputFolder(directory, force=True)
-    opened = None if device is None else device_module.resolve(device)
+    return about
+
+
+def _go_on(folder: OutputFolder, about: dict[str, Any], device: Any, *, quiet: bool) -> RunResult:
+    """Restore the last checkpoint in a folder that this process holds, and run to the end."""
     with spinner("restoring the simulation", quiet=quiet):
-        sim, notes = newest_whole(folder.path, opened)
+        sim, notes = newest_whole(folder.path, device)
         scene = load_scene(folder.path / MODEL_FILE)
     path, surface = _files(folder.path, sim.model)["frames"], _shown_surface(sim.model)
     writer = VTKHDFWriter.reopen(path, sim.model, surface, keep=notes["frames"])
@@ -180,6 +206,12 @@ def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
             f"{scene.path or 'scene'}: solver.duration: got {solver.duration:.3g} s, shorter than "
             f"one step of {shortest:.3g} s; take a longer one"
         )
+    if not solver.duration / shortest <= _MOST_STEPS:
+        raise InputError(
+            f"{scene.path or 'scene'}: solver.duration: got {solver.duration:.3g} s, "
+            f"{solver.duration / shortest:.3g} steps of {shortest:.3g} s; allowed: "
+            f"{_MOST_STEPS:g} steps; take a shorter one"
+        )
     for muscle in scene.muscles:
         sim.activate(muscle.name, muscle.activation)
     return sim
@@ -240,17 +272,15 @@ def _simulate(
     """Simulate to the end, from the start or from a checkpoint (frames reopened, its notes)."""
     pace = scene.solver.time_scaling
     # In simulated time, as everything here; frames are written at the time of the playback.
-    duration, fps = scene.solver.duration / pace, scene.output.fps * pace
+    duration, fps = scene.solver.duration / pace, min(scene.output.fps * pace, _MOST_FPS)
     every = scene.output.checkpoint_every
     every = every / pace if isinstance(every, float) else every
     model = sim.model
     surface = _shown_surface(model)
     checkpoints = RunCheckpoints(folder, scene, model, every)
     if went_on is None:
-        # One at the start and one at each 1/fps; one more at the end where that falls between.
-        n_frames = math.ceil(duration * fps - 1e-9) + 1
         path = _files(folder, model)["frames"]
-        writer = VTKHDFWriter(path, model, surface, frames=n_frames)
+        writer = VTKHDFWriter(path, model, surface, frames=reserved_frames(scene, sim))
         notes: dict[str, Any] = {"frames": 0, "last_time": -1.0, "wall": 0.0}
         notes["dt_crit"] = sim.dt_crit
         if pace != 1.0:
@@ -269,6 +299,7 @@ def _simulate(
             frames.settle()  # those that it counts are in the file
             now = {
                 "frames": frames.count,
+                "next_frame": frames.next,
                 "last_time": frames.last_time,
                 "wall": time.perf_counter() - started,
             }
@@ -276,7 +307,7 @@ def _simulate(
 
         def on_tick(sim: Simulator) -> None:
             bar.update(sim.time, f"t = {sim.time * pace * 1e3:.2f} ms")
-            if frames.due(sim.time + 0.51 * sim.dt):
+            if frames.due(sim):
                 frames.take(sim)
             if checkpoints.due(sim):
                 take_checkpoint(sim)
@@ -315,7 +346,10 @@ def _simulate(
 
 
 class _Frames(FrameQueue):
-    """Frames at equal times, the first at the start, written at ``pace`` times their time."""
+    """Frames at equal times, the first at the start, written at ``pace`` times their time.
+
+    A step gives one frame at most: where several fall on it, the first stands for all.
+    """
 
     def __init__(
         self,
@@ -328,16 +362,22 @@ class _Frames(FrameQueue):
         super().__init__(self._append)
         self._writer, self._surface, self._fps, self._pace = writer, surface, fps, pace
         self.count: int = notes["frames"]
+        self.next: int = notes.get("next_frame", self.count)
         self.last_time: float = notes["last_time"]
 
-    def due(self, now: float) -> bool:
-        return now >= self.count / self._fps
+    def due(self, sim: Simulator) -> bool:
+        return sim.time > self.last_time and self._reached(sim) >= self.next / self._fps
 
     def take(self, sim: Simulator) -> None:
         self.make_room()  # before there is one more snapshot
         self.put(sim.snapshot())
         self.count += 1
+        self.next = max(self.next, math.floor(self._reached(sim) * self._fps)) + 1
         self.last_time = sim.time
+
+    def _reached(self, sim: Simulator) -> float:
+        """Times up to here are nearer to this step than to the next."""
+        return sim.time + 0.51 * sim.dt
 
     def _append(self, snapshot: Snapshot) -> None:
         u = snapshot.u  # first, since it raises where the state is not finite
@@ -349,6 +389,11 @@ class _Frames(FrameQueue):
             von_mises=stress,
             on_surface={"von_mises": self._surface.of_elements(stress)},
         )
+
+
+def shown_surface(model: Model) -> BoundSurface:
+    """The surface that frames and picture of a run show."""
+    return model.surfaces[_shown_surface(model)]
 
 
 def _shown_surface(model: Model) -> str:
@@ -410,4 +455,10 @@ def _folds(scene: Scene, model: Model, surface: str, u: NDArray[np.float64]) -> 
         for muscle in scene.muscles
     }
     outer = scene.geometry.outer
-    return measure_folds(model, surface, u, levels, None if isinstance(outer, str) else outer)
+    try:
+        return measure_folds(model, surface, u, levels, None if isinstance(outer, str) else outer)
+    except Exception as error:
+        # The simulation is done and its frames are there: a figure less does not undo that.
+        line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        warnings.warn(f"folds not measured ({line}); the run is whole without them", stacklevel=2)
+        return None

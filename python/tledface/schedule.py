@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -99,6 +99,9 @@ class Keyframes:
 
     def __post_init__(self) -> None:
         """Check that there are keys, in rising time, with levels within 0..1."""
+        for name in ("times", "values"):
+            # Lists and arrays would not compare or be kept as tuples are.
+            object.__setattr__(self, name, _plain(getattr(self, name)))
         if len(self.times) != len(self.values) or not self.times:
             raise InputError(
                 f"keyframes: got {len(self.times)} times and {len(self.values)} values; "
@@ -178,6 +181,11 @@ def as_schedule(value: float | Callable[[float], float] | Schedule) -> Schedule:
         f"activation: got {value!r}; allowed: a number from 0 to 1, tf.ramp(...), "
         "or a callable of the time in seconds"
     )
+
+
+def _plain(values: Any) -> tuple[Any, ...]:
+    """A tuple of Python's own numbers."""
+    return tuple(values.tolist() if isinstance(values, np.ndarray) else values)
 
 
 def _is_number(value: object) -> bool:

@@ -17,7 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface import device as device_module
-from tledface._core_model import check_number, checked_field, core_model, core_sliding
+from tledface._core_model import (
+    check_number,
+    checked_field,
+    core_model,
+    core_sliding,
+    is_number,
+)
 from tledface._results import Results
 from tledface._serial import serial
 from tledface.autotune import tune, tune_recording
@@ -44,6 +50,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Simulator"]
 
+# Of the "joldes" form, where it is not given.
+_KAPPA = 0.075
+
 
 class Simulator(Results):
     """Explicit total Lagrangian simulation of a model.
@@ -56,7 +65,8 @@ class Simulator(Results):
         damping: Mass-proportional damping, 1/s.
         hourglass: ``"physical"`` (bending and twisting stiffness of elasticity, nothing to tune)
             or ``"joldes"`` (kappa form, Joldes, Wittek & Miller 2008).
-        hourglass_kappa: kappa of the ``"joldes"`` form.
+        hourglass_kappa: kappa of the ``"joldes"`` form, 0.075 if not given; the physical form has
+            none.
         dt: Time step in s, or ``"auto"``: 0.8 of the estimated limit, lowered when strain or
             activation lowers the limit.
         mass_scaling: Factor on every density, at least 1; or ``{"dt": seconds}``, which makes only
@@ -81,7 +91,8 @@ class Simulator(Results):
     Raises:
         InputError: a value out of range, a ``dt`` above the bound, no such device.
 
-    Sliding nodes keep their distances to their surfaces, without friction, in every step.
+    Sliding nodes keep their distances to their surfaces in every step; `Model.slide` says which rub
+    and which may leave.
     """
 
     def __init__(
@@ -92,7 +103,7 @@ class Simulator(Results):
         precision: str = "single",
         damping: float = 0.0,
         hourglass: str = "physical",
-        hourglass_kappa: float = 0.075,
+        hourglass_kappa: float | None = None,
         dt: float | str = "auto",
         mass_scaling: float | Mapping[str, float] | None = None,
         time_scaling: float = 1.0,
@@ -101,19 +112,40 @@ class Simulator(Results):
         kernels: str = "auto",
     ) -> None:
         """See the class."""
+        from tledface.model import Model
+
+        if not isinstance(model, Model):
+            raise InputError(
+                f"Simulator: got {model!r} as model; allowed: a tledface.Model, as "
+                "tf.Scene.load(...).build() gives"
+            )
         check_number("damping", damping, least=0.0, unit="1/s")
-        check_number("hourglass_kappa", hourglass_kappa, least=0.0, unit="no unit")
+        if hourglass_kappa is None:
+            kappa = _KAPPA
+        elif hourglass == "physical":
+            raise InputError(
+                f'hourglass_kappa: got {hourglass_kappa!r} with hourglass = "physical", which has '
+                'none; allowed: leave it out, or hourglass = "joldes"'
+            )
+        else:
+            check_number("hourglass_kappa", hourglass_kappa, least=0.0, unit="no unit")
+            kappa = float(hourglass_kappa)
         if not isinstance(dt, str):
             check_number("dt", dt, least=0.0, unit="s", exclusive=True)
         scaling = checked_scaling(mass_scaling)
         self._time_scaling = checked_time_scaling(time_scaling, model)
         subcycling = checked_subcycling(subcycling)
         self.model = model
+        # What is read again later, as it is now; records, surfaces and muscles never change.
+        self._muscles = tuple(model.muscles)
+        self._prescribed = prescribed_mask(model)
+        self._held = model.fixed | self._prescribed
+        self._sliding = model.sliding
         self._options: dict[str, Any] = {
             "precision": precision,
             "damping": float(damping),
             "hourglass": hourglass,
-            "hourglass_kappa": float(hourglass_kappa),
+            "hourglass_kappa": kappa,
             "dt": dt if isinstance(dt, str) else float(dt),
             **scaling_options(scaling),
             "kernels": kernels,
@@ -129,7 +161,7 @@ class Simulator(Results):
         tune_recording(self._device)
         density = model.element_parameters()["density"]
         self._schedules = [Constant(0.0) for _ in model.muscles]
-        sliding = core_sliding(model)
+        surfaces = core_sliding(model)
 
         def make(relief: float, sliding: _core.SlidingNodes | None) -> NDArray[np.float64]:
             scaled = scaled_density(core_model(model), density, scaling, relief)
@@ -143,7 +175,7 @@ class Simulator(Results):
                 core_model(model, density=scaled, weightless=heavier),
                 precision=precision,
                 hourglass=hourglass,
-                kappa=hourglass_kappa,
+                kappa=kappa,
                 damping=damping,
                 kernels=kernels,
                 conditions=self._conditions.core,
@@ -179,7 +211,7 @@ class Simulator(Results):
                     break
             else:
                 relief = RELIEFS[-1]
-        scaled = make(relief, sliding)
+        scaled = make(relief, surfaces)
         self._watch = watch()
         if subcycling is not False:
             self._options["subcycling"] = self.substeps
@@ -191,7 +223,9 @@ class Simulator(Results):
         self._ledger = (
             None
             if self._energy_every is None
-            else ledger_of(self._core, model, scaled, self._options, self._name_of)
+            else ledger_of(
+                self._core, model, scaled, self._options, self._conditions.carried, self._name_of
+            )
         )
         self._until_entry = 0
 
@@ -210,7 +244,7 @@ class Simulator(Results):
         Raises:
             InputError: no muscle of that name, or a value outside 0..1.
         """
-        names = [m.name for m in self.model.muscles]
+        names = [m.name for m in self._muscles]
         if muscle not in names:
             known = ", ".join(names) if names else "none"
             raise InputError(f"activate: got muscle {muscle!r}; this model has: {known}")
@@ -265,11 +299,23 @@ class Simulator(Results):
                 state or takes a `snapshot`, which makes sure itself.
 
         Raises:
+            InputError: a time that is past, ``on_frame`` without ``fps`` or not to be called.
             SimulationError: the state is no longer finite.
         """
-        if not math.isfinite(until):
+        if not is_number(until):
             raise InputError(f"run: got until = {until!r}; allowed: a finite time in seconds")
-        if on_frame is not None and not (fps is not None and math.isfinite(fps) and fps > 0):
+        # The nearest step may lie half a step behind the time asked for, of any dt up to now.
+        step = self.substeps * self._watch.auto_dt if self._watch.auto else self.dt
+        if until < self.time - 0.501 * step:
+            raise InputError(
+                f"run: got until = {until!r} s; allowed: {self.time:.6g} s, which is now, or "
+                "later; set_state starts again"
+            )
+        if on_frame is not None and not callable(on_frame):
+            raise InputError(
+                f"run: got on_frame = {on_frame!r}; allowed: a function, called as on_frame(sim)"
+            )
+        if not (fps is None and on_frame is None) and not (is_number(fps) and fps > 0):
             raise InputError(f"run: got fps = {fps!r}; allowed with on_frame: a positive number")
         frame = 0 if fps is None else math.floor(self.time * fps + 1e-9) + 1
         while (left := round((until - self.time) / self.dt)) > 0:
@@ -314,12 +360,11 @@ class Simulator(Results):
         start = self._applied
         if start.fields.shape != target.fields.shape:
             start = replace(start, fields=target.fields)
-        prescribed = prescribed_mask(self.model)
         info = relax(
             self._core,
-            held=self.model.fixed | prescribed,
-            prescribed=prescribed,
-            sliding=self.model.sliding,
+            held=self._held,
+            prescribed=self._prescribed,
+            sliding=self._sliding,
             edge=self.model.shortest_edge,
             extent=float(np.ptp(self.model.nodes, axis=0).max()),
             start=start,
@@ -410,12 +455,14 @@ class Simulator(Results):
         """Start again from a displacement (n_nodes, 3) m and velocity (n_nodes, 3) m/s, or rest.
 
         Raises:
-            InputError: wrong shape or values that are not finite.
+            InputError: wrong shape, values or a time that are not finite numbers.
         """
+        if not is_number(time):
+            raise InputError(f"set_state: got time = {time!r}; allowed: a finite time in seconds")
         shape = (self.model.n_nodes, 3)
         given = checked_field("u", u, shape)
         speed = np.empty(0) if velocity is None else checked_field("velocity", velocity, shape)
-        self._core.set_state(given, speed, time)
+        self._core.set_state(given, speed, float(time))
         self._start_prescribed()
         self._applied = self._values_now()
         self._restart()
@@ -438,7 +485,9 @@ class Simulator(Results):
         simulated: leave it alone after making the simulator.
 
         Raises:
-            InputError: no such folder, or it is not writable.
+            InputError: no such folder, it is not writable, or the model has a callable that no file
+                can hold (`Model.prescribe`, `Model.body_force`, `Model.pressure`,
+                `Model.move_surface`).
             OSError: the disk is full; an earlier file of that name stays whole.
 
         Example: ``sim.checkpoint("c.h5"); sim = tf.Simulator.restore("c.h5")``.
@@ -535,7 +584,7 @@ class Simulator(Results):
         )
 
     def _name_of(self, element: int) -> str:
-        for muscle in self.model.muscles:
+        for muscle in self._muscles:
             if element in muscle.elements:
                 return muscle.name
         return self.model.tissue_of(element)

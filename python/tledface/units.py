@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import numbers
 import operator
 import re
 from dataclasses import dataclass
@@ -113,12 +114,12 @@ def parse(value: object, kind: str, *, bare: float | None = None, key: str = "")
         if match is None:
             raise InputError(f"{prefix}got {value!r}; allowed: {_example(wanted, bare)}")
         number, unit = float(match.group(1)), _spelled(match.group(2).strip())
-    elif isinstance(value, bool) or not isinstance(value, int | float):
+    elif isinstance(value, bool) or not isinstance(value, numbers.Real):  # NumPy's are Real too
         raise InputError(f"{prefix}got {_shown(value)}; allowed: {_example(wanted, bare)}")
     else:
-        number = float(value)
+        number = _as_float(value)
     if not math.isfinite(number):
-        raise InputError(f"{prefix}got {value!r}; allowed: a finite number")
+        raise InputError(f"{prefix}got {_shown(value)}; allowed: a finite number")
     if unit in wanted.units:
         return number * wanted.units[unit]
     if unit:
@@ -128,6 +129,13 @@ def parse(value: object, kind: str, *, bare: float | None = None, key: str = "")
     if number == 0.0:
         return 0.0
     raise InputError(f"{prefix}unit missing: got {value!r}; allowed: {_wanted(wanted)}")
+
+
+def _as_float(value: numbers.Real) -> float:
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf  # a whole number of hundreds of digits
 
 
 def bounded(

@@ -14,7 +14,7 @@ from tledface.surface import HEX_CORNERS, exposed_corners
 if TYPE_CHECKING:
     from tledface.model import Model
 
-__all__ = ["VIEWS", "VoxelView", "opposite"]
+__all__ = ["VIEWS", "VoxelView", "opposite", "require_voxels"]
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +33,15 @@ _MARGIN = 10  # pixels around the body
 # Steps of voxels are smoothed over this many voxels before they are lit.
 _SMOOTH = 1.5
 _LIGHT = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
+
+
+def require_voxels(what: str, model: Model) -> None:
+    """Refuse a conforming mesh: pictures of models are of voxels."""
+    if model.is_conforming:
+        raise InputError(
+            f"{what}: the model is a conforming mesh; allowed: a model of voxels. Viewers of "
+            "meshes show the file that it was read from, and the frames of its runs"
+        )
 
 
 def opposite(view: str) -> str:

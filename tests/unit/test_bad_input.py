@@ -61,6 +61,43 @@ def test_missing_mesh(scene):
     assert "frontal.stl" in refuse(scene)
 
 
+def test_a_mesh_that_is_a_folder(scene):
+    (scene.parent / "skin.stl").unlink()
+    (scene.parent / "skin.stl").mkdir()
+    line = refuse(scene, verb="check")
+    assert "geometry.skin: got " in line
+    assert 'skin.stl", which is a folder; allowed: a surface file' in line
+    assert "nearest" not in line
+
+
+def test_a_skin_in_other_units(scene):
+    trimesh.creation.box(bounds=[[0, 0, 0], [0.01, 0.008, 0.006]]).export(scene.parent / "skin.stl")
+    line = refuse(scene, verb="check")
+    assert "the skin measures 0.01 x 0.008 x 0.006 mm: check units" in line
+
+
+def test_a_model_of_another_format(scene):
+    np.savez(scene.parent / "m.npz", a=np.zeros(3))
+    line = refuse(scene.parent / "m.npz")
+    assert "cannot be read as text; allowed: a scene file (.toml), or a model file (.h5)" in line
+
+
+def test_a_face_of_a_vertex_that_is_not_there(scene):
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 9\n"
+    (scene.parent / "muscle.obj").write_text(text)
+    edit(scene, "muscle.stl", "muscle.obj")
+    line = refuse(scene, verb="check")
+    assert "(line 6: a face names vertex 9; allowed: 1 to 4)" in line
+
+
+@pytest.mark.parametrize(("kept", "expected"), [(200, 684), (50, 84)])
+def test_an_stl_file_cut_short(scene, kept, expected):
+    path = scene.parent / "skin.stl"
+    path.write_bytes(path.read_bytes()[:kept])
+    line = refuse(scene, verb="check")
+    assert f"skin.stl: cut short: {kept} bytes, {expected} expected (binary STL of " in line
+
+
 def test_open_mesh_with_a_big_hole(scene):
     mesh = trimesh.load(scene.parent / "skin.stl")
     mesh.update_faces(np.arange(len(mesh.faces)) >= 2)
@@ -88,6 +125,15 @@ def test_unknown_key_names_the_nearest(scene):
     edit(scene, "damping =", "dampign =")
     line = refuse(scene)
     assert "dampign" in line and "damping" in line.replace("dampign", "")
+
+
+def test_a_stiffness_that_no_number_holds(scene):
+    text = scene.read_text()
+    start = text.index("youngs_modulus = ")
+    end = text.index(",", start)
+    scene.write_text(text[:start] + 'youngs_modulus = "1e300 GPa"' + text[end:])
+    line = refuse(scene)
+    assert "layers[0].material.youngs_modulus: got '1e300 GPa'; allowed: up to 1e+15 Pa" in line
 
 
 def test_unit_missing(scene):

@@ -12,7 +12,7 @@ import pytest
 
 import tledface as tf
 from tledface import checkpoint
-from tledface.errors import InputError
+from tledface.errors import InputError, SimulationError
 from tledface.schedule import Keyframes
 
 
@@ -69,6 +69,14 @@ def test_dt_and_options_come_back(tmp_path):
     sim.step(100)
     again.step(100)
     assert_same(sim, again)
+
+
+def test_the_physical_form_comes_back_though_a_kappa_is_stored(tmp_path):
+    make_sim(device="native").checkpoint(tmp_path / "c.h5")
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        assert file["options"].attrs["hourglass_kappa"] == 0.075
+        file["options"].attrs["hourglass_kappa"] = 0.5  # once taken in silence
+    assert tf.Simulator.restore(tmp_path / "c.h5")._options["hourglass"] == "physical"
 
 
 def test_histories_of_materials_come_back(executor, tmp_path):
@@ -247,9 +255,48 @@ def test_damage_is_one_line(damage, message, tmp_path):
     assert str(path) in str(raised.value)
 
 
+def test_a_device_that_fails_is_no_damage(tmp_path, monkeypatch):
+    """The file may be whole: it says what the device said."""
+    path = tmp_path / "c.h5"
+    make_sim(device="native").checkpoint(path)
+
+    def fails(*_arguments, **_options):
+        raise SimulationError("opencl:0: kernels do not compile")
+
+    monkeypatch.setattr(tf.Simulator, "__init__", fails)
+    with pytest.raises(SimulationError, match=r"^opencl:0: kernels do not compile$"):
+        tf.Simulator.restore(path)
+
+
+@pytest.mark.parametrize("options", [{"mass_scaling": {"dt": 5e-6}}, {"time_scaling": 2.0}])
+def test_the_page_names_all_that_is_in_the_file(options, tmp_path):
+    page = Path(__file__).parents[2] / "docs" / "reference" / "checkpoint-file.md"
+    text = page.read_text(encoding="utf-8")
+    path = tmp_path / "c.h5"
+    sim = make_sim(device="native", energy_every=5, subcycling=2, **options)
+    sim.step(7)
+    sim.checkpoint(path)
+    with h5py.File(path) as file:
+        named = list(file.attrs) + list(file)
+        for group in ("options", "device", "watch", "ledger", "state", "state/layout"):
+            named += [*file[group].attrs, *file[group]]
+        named += list(file["state/arrays"])
+    unnamed = [name for name in named if f"`{name}`" not in text and f"/{name}`" not in text]
+    assert [name for name in unnamed if name != "schedules"] == []  # they have numbers there
+
+
 def test_no_such_folder(tmp_path):
     with pytest.raises(InputError, match="there is no folder"):
         make_sim(device="native").checkpoint(tmp_path / "none" / "c.h5")
+
+
+def test_what_is_no_file_is_refused(tmp_path):
+    sim = make_sim(device="native")
+    with pytest.raises(InputError, match=r"checkpoint .*: is a folder"):
+        sim.checkpoint(tmp_path)
+    for call in (sim.checkpoint, tf.Simulator.restore):
+        with pytest.raises(InputError, match="checkpoint: got None"):
+            call(None)
 
 
 def test_a_full_disk_leaves_the_earlier_checkpoint(tmp_path, monkeypatch):

@@ -411,6 +411,26 @@ def test_a_demo_without_its_device_leaves_nothing(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("ratio=-1", "film ratio: got -1.0; allowed, with an exact answer: 10, 24.57, 100"),
+        ("waves=0", "film waves: got 0.0; allowed: 1 to 1000"),
+        ("resolution=0", "film resolution: got 0; allowed: 5 to 10000"),
+    ],
+)
+def test_a_study_s_wrong_setting_leaves_the_folder_as_it_was(call, tmp_path, setting, message):
+    assert message in error_line(call("demo", "film", "--set", setting))
+    assert list(tmp_path.iterdir()) == []
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "run.json").write_text('{"tledface": "0", "files": ["film.png"]}')
+    (out / "film.png").touch()
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    error_line(call("demo", "film", "-o", "out", "--force", "--set", setting))
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+
+
 def test_examples(call):
     result = call("examples", "--list")
     assert result.exit_code == 0
@@ -444,3 +464,44 @@ def test_console_script_error_has_no_traceback(tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith("tledface: error: none.toml: no such scene file")
     assert done.stderr.count("\n") == 1
+
+
+INTERRUPTED = """
+import os, signal, sys, time
+import tledface.cli
+import tledface.scene
+
+class Interrupting:
+    def find_spec(self, name, path, target=None):
+        if name == {module!r}:
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(0.1)
+            except BaseException:
+                pass  # as some modules do
+
+def load(path):
+    import {module}
+    time.sleep(3)
+
+tledface.scene.Scene.load = load
+sys.meta_path.insert(0, Interrupting())
+sys.argv[1:] = ["check", "x.toml"]
+try:
+    tledface.cli.main()
+finally:
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+"""
+
+
+@pytest.mark.parametrize("module", ["tledface.cli.demos", "tledface.check", "trimesh"])
+def test_an_interrupt_while_modules_are_loaded_is_not_lost(tmp_path, module):
+    """Before a verb begins, as it begins, and within it."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED.format(module=module)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (130, "tledface: interrupted\n")

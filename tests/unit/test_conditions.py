@@ -157,9 +157,31 @@ def test_a_bad_value_on_the_way_is_named():
     with pytest.raises(InputError, match=r"gave shape \(3,\) at t = 0 s; allowed: .* \(63,\)"):
         tf.Simulator(model)
     model = block()
+    with pytest.raises(InputError, match=r"body_force: got inf at \[2\], which is not finite"):
+        model.body_force(np.ones(192, bool), (0.0, 0.0, np.inf))
     model.body_force(np.ones(192, bool), lambda t: 3.0)
     with pytest.raises(InputError, match=r"body_force: got 3.0 .* three finite numbers"):
         tf.Simulator(model)
+    for given in ("far", [[1.0], [2.0, 3.0]]):
+        model = block()
+        model.prescribe(top, {"x": lambda t, X, given=given: given})
+        with pytest.raises(InputError, match=r"allowed: a finite number or \(63,\)"):
+            tf.Simulator(model)
+        model = block()
+        model.body_force(np.ones(192, bool), lambda t, given=given: given)
+        with pytest.raises(InputError, match="three finite numbers"):
+            tf.Simulator(model)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_what_is_fixed_stays_whatever_velocity_is_given(executor, precision):
+    model = block()
+    model.fix(lambda X: X[:, 0] < 1e-9)
+    model.fix(top, "x")
+    sim = tf.Simulator(model, precision=precision, **executor.kwargs)
+    sim.set_state(np.zeros_like(model.nodes), np.ones_like(model.nodes))
+    sim.step(20)
+    assert not sim.u[model.fixed].any() and sim.u[~model.fixed].any()
 
 
 @pytest.mark.parametrize(

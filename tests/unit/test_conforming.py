@@ -53,12 +53,27 @@ def test_regions_become_tissues(tmp_path):
     assert other.volumes.sum() == pytest.approx(24.0)
 
 
-def test_regions_named_by_the_file(tmp_path):
+@pytest.mark.parametrize("of_surfaces", [[], ['2 1 "held face"']])
+def test_regions_named_by_the_file(tmp_path, of_surfaces):
     required("meshio")
     path = tmp_path / "m.msh"
     nodes, elements = bent()
-    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "2"]
-    lines += ['3 1 "fat"', '3 2 "skin"', "$EndPhysicalNames", "$Nodes", str(len(nodes))]
+    lines = [
+        "$MeshFormat",
+        "2.2 0 8",
+        "$EndMeshFormat",
+        "$PhysicalNames",
+        str(2 + len(of_surfaces)),
+    ]
+    # A group of surfaces has the number of one of volumes and names none of them.
+    lines += [
+        '3 1 "fat"',
+        '3 2 "skin"',
+        *of_surfaces,
+        "$EndPhysicalNames",
+        "$Nodes",
+        str(len(nodes)),
+    ]
     lines += [f"{i + 1} {x} {y} {z}" for i, (x, y, z) in enumerate(nodes.tolist())]
     lines += ["$EndNodes", "$Elements", str(len(elements))]
     for i, corners in enumerate(elements.tolist()):
@@ -75,6 +90,10 @@ def test_regions_named_by_the_file(tmp_path):
     [
         (lambda n, e: (n, e[:, [0, 3, 2, 1, 4, 7, 6, 5]]), "24 such"),
         (lambda n, e: (np.where(n > 1e9, n, np.nan), e), "finite metres"),
+        (
+            lambda n, e: (np.where(np.arange(3 * len(n)).reshape(-1, 3) > 6, np.nan, n), e),
+            r"nodes: got nan at \[2, 1\] \(\d+ such of \d+\), which is not finite",
+        ),
         (lambda n, e: (n, e[:, :6]), r"got shape \(24, 6\)"),
         (lambda n, e: (n, e + 1), "allowed 0 to 59"),
         (lambda n, e: (n, e[:0]), "got none"),

@@ -203,8 +203,18 @@ def test_a_damaged_field_is_one_clear_line(model, tmp_path):
         group = file["tissues/1/direction_fields"]
         del group["first"]
         group["first"] = np.ones((7, 3))
-    with pytest.raises(InputError, match=r"a.h5: set_directions: first: got shape \(7, 3\)"):
+    with pytest.raises(InputError, match=r"a.h5: direction 'first' of 'skin' has shape \(7, 3\)"):
         tf.Model.load(tmp_path / "a.h5")
+
+
+def test_fields_of_a_tissue_that_no_element_has_any_more_are_kept(model, tmp_path):
+    model.set_directions("skin", {"first": bent})
+    model.set_material(np.ones(model.n_elements, bool), model.tissue_materials[0])
+    model.save(tmp_path / "a.h5")
+    read = tf.Model.load(tmp_path / "a.h5")
+    assert np.array_equal(read.directions["skin"]["first"], model.directions["skin"]["first"])
+    tf.Simulator(model, device="native").checkpoint(tmp_path / "c.h5")
+    assert tf.Simulator.restore(tmp_path / "c.h5").n_steps == 0
 
 
 def test_a_checkpoint_holds_the_directions(model, tmp_path):

@@ -13,7 +13,7 @@ import typer
 
 import tledface as tf
 from tledface import doctor, units
-from tledface.cli.app import app
+from tledface.cli import app
 from tledface.constitutive import materials
 from tledface.examples import flat_block
 from tledface.fibre_kinds import KINDS

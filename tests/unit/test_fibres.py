@@ -132,6 +132,7 @@ def test_unknown_kinds_options_and_points():
     refuses("centre: not a key of 'nurbs'", mesh, "nurbs", points, centre=(0.0, 0.0, 0.0))
     refuses("to: missing; a sheet needs the end", mesh, "sheet", points)
     refuses("points: got shape", mesh, "nurbs", [1.0, 2.0, 3.0])
+    refuses("points: got nan at .0, 2., which is not", mesh, "nurbs", [[1.0, 2.0, np.nan]])
     refuses("surface: got str", "rod.obj", "nurbs", points)
     refuses("kind: got .*not all 0", mesh, (0.0, 0.0, 0.0), points)
     refuses("degree: got True", mesh, "nurbs", points, degree=True)

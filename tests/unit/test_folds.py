@@ -53,3 +53,9 @@ def test_a_flat_surface_has_no_folds(model):
 
 def test_nothing_is_measured_without_an_active_muscle(model):
     assert measure_folds(model, "surface", np.zeros_like(model.nodes), {"pull": 0.0}) is None
+
+
+def test_a_muscle_of_one_voxel_has_no_line_to_measure_along():
+    block = Model.block(cells=(6, 4, 4), size=(0.006, 0.004, 0.004), material=SOFT)
+    block.add_muscle("dot", np.arange(block.n_elements) == 50, (1, 0, 0), sigma_act=5e4)
+    assert measure_folds(block, "surface", np.zeros_like(block.nodes), {"dot": 5e4}) is None

@@ -105,6 +105,21 @@ def test_unusable_model_files_are_one_clear_line(model, tmp_path, change, word):
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_what_is_no_file_is_refused(model, tmp_path):
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match="folder: is a folder; give the name of a file"):
+        model.save(tmp_path / "folder")
+    with pytest.raises(InputError, match="cannot be made there"):
+        model.save(tmp_path / f"{'x' * 300}.h5")
+    with pytest.raises(InputError, match="folder: is a folder; give a model file"):
+        Model.load(tmp_path / "folder")
+    for call in (model.save, Model.load):
+        with pytest.raises(InputError, match="model file: got None; allowed: the path of a file"):
+            call(None)
+    assert os.listdir(tmp_path) == ["folder"]
+    assert os.listdir(tmp_path / "folder") == []
+
+
 def test_a_failed_save_leaves_the_old_file(model, tmp_path):
     path = tmp_path / "model.h5"
     model.save(path)
@@ -191,6 +206,30 @@ def test_vtk_reads_the_time_series(model, tmp_path):
     for step, (points, cells, _, _) in enumerate(steps):
         assert points == pytest.approx(model.surfaces["skin"].displaced(u[step]), abs=1e-12)
         assert np.array_equal(cells, model.surfaces["skin"].faces)
+
+
+def test_names_that_differ_in_a_slash_have_fields_of_their_own(tmp_path):
+    cells = [[i, 0, 0] for i in range(4)]
+    tissues = ["a/m", "a_m", "a_m_"]
+    share = np.eye(3)[[0, 1, 2, 2]]
+    block = Model.from_voxels(
+        (1e-3, 1e-3, 1e-3), (0, 0, 0), cells, tissues, [SOFT, STIFF, STIFF], share
+    )
+    for index, name in enumerate(["a_m", "a/m_", "a/m/"]):
+        block.add_muscle(name, np.arange(4) == index, (1, 0, 0), sigma_act=1.0)
+    with VTKHDFWriter(tmp_path / "run.vtkhdf", block) as writer:
+        writer.append(0.0, np.zeros_like(block.nodes))
+    with h5py.File(tmp_path / "run.vtkhdf") as file:
+        cells = {name: data[()].tolist() for name, data in file["VTKHDF/CellData"].items()}
+    assert cells == {
+        "tissue": [0, 1, 2, 2],
+        "fraction_a_m__": [1, 0, 0, 0],
+        "fraction_a_m": [0, 1, 0, 0],
+        "fraction_a_m_": [0, 0, 1, 1],
+        "muscle_a_m": [1, 0, 0, 0],
+        "muscle_a_m_": [0, 1, 0, 0],
+        "muscle_a_m__": [0, 0, 1, 0],
+    }
 
 
 def test_surface_series_with_arrays(tmp_path):

@@ -263,6 +263,7 @@ def test_unusable_images(tmp_path):
         ("flat.npy", good[0], r"has shape \(3, 3\)"),
         ("nan.npy", np.full((2, 2, 2), np.nan), "not whole numbers"),
         ("text.npy", np.full((2, 2, 2), "a"), "holds <U1"),
+        ("huge.npy", np.full((2, 2, 2), 2**64 - 1, dtype=np.uint64), "allowed: up to 2"),
     ):
         np.save(tmp_path / name, data)
         with pytest.raises(InputError, match=rf"{name}: .*{message}"):

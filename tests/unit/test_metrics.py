@@ -1,3 +1,5 @@
+import time
+
 import numpy as np
 import pytest
 
@@ -114,11 +116,28 @@ def test_detail_keeps_the_form_and_the_folds():
         (np.zeros((2, 2, 9)), {}),
         (np.zeros(9), {"spacing": 0.0}),
         (np.zeros(9), {"shape_wavelength": -1.0}),
+        (np.zeros((0, 9)), {}),
+        (np.zeros(90), {"spacing": 0.5}),  # heights and spacing in mm
+        (np.zeros(90), {"shape_wavelength": 1e-5}),
     ],
 )
 def test_bad_heights(heights, options):
     with pytest.raises(InputError, match="wrinkles"):
         wrinkles(heights, **({"spacing": SPACING} | options))
+
+
+def test_a_long_line_takes_little_time_and_memory():
+    """The fit of each sample's own window: as exact as by hand, without a table of all pairs."""
+    n = 20_000
+    heights = np.random.default_rng(4).normal(0.0, 1e-5, n) + 1e-4 * np.sin(np.arange(n) / 30)
+    found = detail(heights, 1e-4, shape_wavelength=0.01)
+    for at in (0, 7, 5_000, n - 1):
+        t = (np.arange(n) - at) / (0.368 * 0.01 / 1e-4)
+        fit = np.polynomial.polynomial.polyfit(t, heights, 4, w=np.exp(-0.25 * t**2))
+        assert found[at] == pytest.approx(heights[at] - fit[0], abs=1e-12)
+    began = time.process_time()
+    assert wrinkles(heights, 1e-4, shape_wavelength=0.011).count > 60
+    assert time.process_time() - began < 5.0  # 20 000^2 doubles are 3.2 GB, and took a minute
 
 
 def sheet(function, n=121, size=0.06):
@@ -171,6 +190,13 @@ def test_line_profile_is_exact_and_marks_gaps():
     assert np.isnan(heights[~inside]).all()
 
 
+@pytest.mark.parametrize("name", ["start", "end", "direction"])
+def test_a_line_profile_needs_points_in_space(name):
+    points = {"start": (0, 0, 0), "end": (1, 0, 0), "direction": (0, 0, 1), name: (1, 0)}
+    with pytest.raises(InputError, match=f"line profile: {name} must be three finite numbers"):
+        line_profile(np.eye(3), [[0, 1, 2]], **points, spacing=0.1)
+
+
 def test_line_profile_through_vertices_has_no_gap():
     vertices, faces = sheet(lambda x, y: 0 * x)
     heights = line_profile(vertices, faces, (0, 0.03, 0), (0.06, 0.03, 0), 1e-4)[1]
@@ -187,5 +213,11 @@ def test_bad_surfaces():
         height_map(vertices, faces, 1e-3, direction=(0, 1, 0))
     with pytest.raises(InputError, match="faces"):
         height_map(vertices, faces[:0], 1e-3)
+    with pytest.raises(InputError, match="0 to 9; allowed: 0 to 8"):
+        height_map(vertices, np.array([[0, 1, 9]]), 1e-3)
+    with pytest.raises(InputError, match="-1 to 2"):
+        height_map(vertices, np.array([[0, -1, 2]]), 1e-3)
+    with pytest.raises(InputError, match="whole numbers"):
+        height_map(vertices, faces + 0.5, 1e-3)
     with pytest.raises(InputError, match="length"):
         line_profile(vertices, faces, (0, 0, 0), (0, 0, 1), 1e-3)

@@ -88,6 +88,15 @@ def test_bad_block(cells):
         Model.block((1, 1, 1), (1, -1, 1), SOFT)
 
 
+@pytest.mark.parametrize(
+    ("cells", "word"), [((10**6,) * 3, "nodes in all"), ((1200,) * 3, "GB of memory")]
+)
+def test_a_block_beyond_all_memory_is_refused(cells, word, monkeypatch):
+    monkeypatch.setattr("tledface.geometry.memory.available_memory", lambda: 10**9)
+    with pytest.raises(InputError, match=f"block cells: got .*{word}"):
+        Model.block(cells, (1, 1, 1), SOFT)
+
+
 def test_set_material_adds_reuses_and_replaces(block):
     upper = block.centres[:, 2] > 0.01
     block.set_material(lambda x: x[:, 2] > 0.01, STIFF, name="film")
@@ -96,6 +105,8 @@ def test_set_material_adds_reuses_and_replaces(block):
     assert (block.tissue_of(0), block.tissue_of(23)) == ("tissue", "film")
     block.set_material(upper, STIFF)
     assert len(block.tissues) == 2
+    with pytest.raises(InputError, match="got 5 as material; allowed"):
+        block.set_material(upper, 5)
     with pytest.raises(InputError, match="another name"):
         block.set_material(block.centres[:, 0] < 0.01, SOFT, name="film")
     block.set_material(upper, SOFT, name="film")
@@ -158,6 +169,7 @@ def test_add_muscle_takes_every_form_of_fibre_and_weight(block):
         ({"name": ""}, "name"),
         ({"where": lambda x: x[:, 0] > 9}, "selects none"),
         ({"where": np.ones(5, bool)}, r"\(24,\) bool"),
+        ({"name": "a\0b"}, "without NUL"),
         ({"where": np.ones(24)}, "float64"),
         ({"where": lambda x: None}, "object"),
         ({"fibre": (0, 0, 0)}, "non-zero"),

@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -46,6 +48,50 @@ def test_an_earlier_run_is_replaced_only_with_force(tmp_path):
     OutputFolder(first.path, force=True).begin({})
     assert sorted(entry.name for entry in first.path.iterdir()) == ["notes.txt", RUN_FILE]
     assert (tmp_path / "outside").exists()
+
+
+def test_one_at_a_time_holds_a_folder(tmp_path):
+    path = tmp_path / "run"
+    first, second = OutputFolder(path), OutputFolder(path, force=True)
+    with first.held():
+        first.begin({})
+        with pytest.raises(InputError, match="another process is running into it"):
+            OutputFolder(path, force=True)
+        with pytest.raises(InputError, match="another process is running into it"), second.held():
+            pytest.fail("held twice")
+    assert [entry.name for entry in path.iterdir()] == [RUN_FILE]
+    with second.held():
+        second.begin({})
+
+
+def test_a_folder_that_was_filled_meanwhile_is_refused(tmp_path):
+    path = tmp_path / "run"
+    first, second = OutputFolder(path), OutputFolder(path)
+    with first.held():
+        first.begin({})
+    with pytest.raises(InputError, match="holds an earlier run; --force"), second.held():
+        pytest.fail("held")
+    assert [entry.name for entry in path.iterdir()] == [RUN_FILE]
+
+
+def test_a_killed_process_holds_nothing(tmp_path):
+    code = (
+        "import sys, time; from tledface.output import OutputFolder\n"
+        "with OutputFolder(sys.argv[1]).held(): print('held', flush=True); time.sleep(600)"
+    )
+    words = [sys.executable, "-c", code, str(tmp_path)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout.readline() == "held\n"
+            with pytest.raises(InputError, match="another process is running into it"):
+                OutputFolder(tmp_path)
+        finally:
+            process.kill()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.lock"]
+    folder = OutputFolder(tmp_path)
+    with folder.held():
+        folder.begin({})
+    assert [entry.name for entry in tmp_path.iterdir()] == [RUN_FILE]
 
 
 def test_a_file_is_no_folder(tmp_path):

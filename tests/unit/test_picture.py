@@ -143,6 +143,7 @@ def test_bad_pictures_are_one_clear_line(tmp_path):
         ("w.png", rest, faces, {"view": "side"}, "'side'"),
         ("w.png", rest, faces, {"view": (0, 0, 1)}, "parallel"),
         ("w.png", rest, faces, {"view": (0, 0, 0)}, "not all 0"),
+        ("w.png", rest, faces, {"profile": ((9, 0, 0), (9, 1, 0))}, "no surface at rest along"),
     ):
         with pytest.raises(InputError, match=word) as caught:
             wrinkle_picture(tmp_path / name, rest, deformed, triangles, **options)

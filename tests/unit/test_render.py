@@ -235,6 +235,7 @@ def test_render_verb_draws_a_run(tmp_path):
         (["m.h5", "--cut", "x=400"], "no voxel lies at x = 400 mm"),
         (["empty", "--cut", "x=0"], "is a run's folder; add --stress"),
         (["m.h5", "-o", "none/p"], "there is no folder"),
+        (["mesh.h5"], "the model is a conforming mesh; allowed: a model of voxels"),
         (["skin.stl"], "not an HDF5 file"),
         (["brow.toml"], "is a scene; `tledface build brow.toml -o MODEL.h5` makes a model"),
     ],
@@ -242,7 +243,9 @@ def test_render_verb_draws_a_run(tmp_path):
 def test_render_refuses_in_one_line(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
     scene = scene_of(tmp_path)
-    save_built(scene, scene.build(), tmp_path / "m.h5")
+    model = scene.build()
+    save_built(scene, model, tmp_path / "m.h5")
+    model.as_hexahedra().save(tmp_path / "mesh.h5")
     (tmp_path / "empty").mkdir()
     output = [] if "-o" in arguments else ["-o", "p"]
     result = call("render", *arguments, *output)
@@ -282,3 +285,8 @@ def test_check_and_build_say_what_binds_nodes(tmp_path, monkeypatch):
         assert "skin " in checked.stdout
     run = call("run", "s.h5", "-o", "out", "--device", "native", "--quiet")
     assert run.exit_code == 0, run.output
+
+
+def test_help_lists_every_view():
+    text = " ".join(CliRunner().invoke(app, ["render", "--help"]).stdout.replace("│", " ").split())
+    assert f"front (from -y, +z up), back, side (from +x), {', '.join(list(VIEWS)[3:])};" in text

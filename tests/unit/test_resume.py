@@ -4,14 +4,16 @@ import errno
 import json
 import os
 
+import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from tledface import checkpoint
 from tledface.cli import app
-from tledface.errors import InputError
+from tledface.errors import InputError, SimulationError
 from tledface.examples import flat_block
+from tledface.io import _lock
 from tledface.io.vtkhdf import VTKHDFWriter
 from tledface.run import resume_run, run_scene
 from tledface.run_checkpoints import RunCheckpoints
@@ -141,6 +143,25 @@ def test_what_cannot_go_on_is_named(stopped, whole, tmp_path):
     assert facts(stopped)["state"] == "interrupted"
 
 
+def test_a_study_is_computed_anew(tmp_path):
+    (tmp_path / "run.json").write_text('{"tledface": "0.1.0", "demo": "film", "state": "failed"}')
+    with pytest.raises(InputError, match="no checkpoints; run `tledface demo film --force -o "):
+        resume_run(tmp_path)
+
+
+def test_a_device_that_fails_costs_no_checkpoint(stopped, whole, monkeypatch):
+    """No advice to begin anew: the same checkpoint goes on where the device works."""
+
+    def fails(*_arguments, **_options):
+        raise SimulationError("opencl:0: kernels do not compile")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tledface.Simulator.__init__", fails)
+        with pytest.raises(SimulationError, match=r"^opencl:0: kernels do not compile$"):
+            resume_run(stopped, quiet=True)
+    assert_same(resume_run(stopped, quiet=True), whole)
+
+
 def test_a_lost_model_is_damage(stopped):
     (stopped / "checkpoint-model.h5").unlink()
     with (
@@ -166,6 +187,62 @@ def test_force_replaces_a_stopped_run_with_all_it_left(scene, stopped, whole):
     with pytest.raises(InputError, match="--force"):
         run_scene(scene, stopped, device="native", quiet=True)
     assert_same(run_scene(scene, stopped, device="native", quiet=True, force=True), whole)
+
+
+def test_a_run_with_more_frames_than_steps_goes_on(scene, tmp_path, monkeypatch):
+    text = scene.path.read_text().replace('"6 ms"', '"1 ms"').replace("fps = 1000", "fps = 60000")
+    path = scene.path.with_name("many.toml")
+    path.write_text(text.replace('every = "1 ms"', 'every = "0.2 ms"'))
+    many = Scene.load(path)
+    whole = run_scene(many, tmp_path / "whole", device="native", quiet=True)
+    assert whole.frames == whole.steps + 1
+    stop_at(monkeypatch, 4)
+    with pytest.raises(KeyboardInterrupt):
+        run_scene(many, tmp_path / "out", device="native", quiet=True)
+    monkeypatch.undo()
+    assert_same(resume_run(tmp_path / "out", quiet=True), whole)
+    times = []
+    for folder in ("whole", "out"):
+        with h5py.File(tmp_path / folder / "frames.vtkhdf") as file:
+            times.append(file["VTKHDF/Steps/Values"][: whole.frames])
+    np.testing.assert_array_equal(*times)
+
+
+def test_others_are_refused_while_a_run_goes_on(scene, whole, tmp_path, monkeypatch):
+    out, take, refused = tmp_path / "out", RunCheckpoints.take, []
+
+    def files():  # not when they were read
+        stats = {path: path.stat() for path in out.iterdir()}
+        return {path: (s.st_ino, s.st_size, s.st_mtime_ns) for path, s in stats.items()}
+
+    def others_come(self, sim, *arguments):
+        take(self, sim, *arguments)
+        monkeypatch.setattr(RunCheckpoints, "take", take)  # others that got in would come here too
+        before = files()
+        for words in (["resume", out], ["run", scene.path, "-o", out, "--force"]):
+            done = CliRunner().invoke(app, [*map(str, words), "-q"])
+            refused.append((done.exit_code, done.stderr))
+        assert files() == before
+
+    monkeypatch.setattr(RunCheckpoints, "take", others_come)
+    assert_same(run_scene(scene, out, device="native", quiet=True), whole)
+    line = f"tledface: error: output {out}: another process is running into it; wait for its end"
+    assert refused
+    assert all(code == 2 and text.startswith(line) for code, text in refused)
+    assert all(text.count("\n") == 1 for _, text in refused)
+
+
+def test_a_run_that_ends_while_a_resumption_comes_is_not_run_again(stopped, monkeypatch):
+    acquire = _lock.acquire
+
+    def ends_first(path):
+        (stopped / "run.json").write_text(json.dumps({**facts(stopped), "state": "finished"}))
+        return acquire(path)
+
+    monkeypatch.setattr(_lock, "acquire", ends_first)
+    with pytest.raises(InputError, match="the run is finished; there is nothing to resume"):
+        resume_run(stopped, quiet=True)
+    assert "run.lock" not in names(stopped)
 
 
 def test_a_disk_too_full_for_checkpoints_is_a_warning(scene, whole, tmp_path, monkeypatch):

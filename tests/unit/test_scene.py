@@ -1,12 +1,14 @@
 """Scene files: values in SI, and one clear line for each kind of bad input."""
 
 import copy
+import json
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from tledface.constitutive import material
+from tledface.constitutive import material, materials
 from tledface.errors import InputError
 from tledface.fibre_kinds import AlongEnd, BoxEnd, CurveEnd, make_fibre
 from tledface.scene import Scene, template_text, write_template
@@ -118,6 +120,96 @@ def test_optional_keys(folder, tables):
     assert scene.solver.gravity == (0.0, 0.0, -9.81)
     assert scene.solver.hourglass_kappa == 0.075
     assert scene.boundary.fixed[0].components == "xz"
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (["muscles", 0, "activation"], Constant(0.25)),
+        (["muscles", 0, "activation"], Ramp(0.0, 0.7, 1 / 3e4, -0.1, "cosine")),
+        (["muscles", 0, "activation"], Keyframes((-1e-7, 0.1 / 3), (0.0, 1.0))),
+        (["muscles", 0, "fibre"], make_fibre("nurbs", {"degree": 2})),
+        (["muscles", 0, "fibre"], make_fibre("sheet", {"to": "+z"})),
+        (
+            ["muscles", 0, "fibre"],
+            make_fibre(
+                "spindle",
+                {
+                    "from": {"box": [[0, 0, 0], [0.01, 0.1 / 3, 1]]},
+                    "to": {"points": [[0, 0, 1e-5]], "reach": 1e-3},
+                },
+            ),
+        ),
+        (
+            ["muscles", 0, "fibre"],
+            make_fibre("sphincter", {"axis": [0, 1, 0], "centre": [1, 2, 3]}),
+        ),
+        (["muscles", 0, "fibre"], make_fibre("curves", {"curves": ["/x/fibres.obj"]})),
+        (
+            ["layers", 1, "material"],
+            material(
+                "holzapfel_gasser_ogden",
+                mu=1e3 / 3,
+                k1=1e3,
+                k2=1.0,
+                bulk_modulus=1e5,
+                density=1e3,
+                first=(0, 3, 4),
+                prony=[(0.2, 0.01)],
+                pretension={"along": 1e3, "line": (1, 0, 0), "normal": (0, 0, 2)},
+            ),
+        ),
+    ],
+)
+def test_objects_are_kept_as_a_file_would_hold_them(folder, tables, path, value):
+    scene = Scene.from_dict(put(tables, path, value), folder)
+    source = json.loads(json.dumps(scene.source))
+    assert source == scene.source
+    again = Scene.from_dict(source, folder, check_files=False)
+    kind, number, key = path
+    assert getattr(getattr(again, kind)[number], key) == value
+    assert again.muscles == scene.muscles
+    assert again.layers == scene.layers
+
+
+def test_every_law_is_kept_as_a_file_would_hold_it(folder, tables):
+    for name, law in materials().items():
+        if law.modifier is None:
+            numbers = {p.name: 0.3 if p.kind == "number" else 1e3 for p in law.parameters}
+            numbers |= {"density": 1e3, "bulk_modulus": 1e5}
+            given = {key: value for key, value in numbers.items() if key in law_keys(law)}
+            directions = {d.name: (0.0, 0.0, 1.0) for d in law.directions}
+            made = material(name, **given, **directions)
+            scene = Scene.from_dict(put(tables, ["layers", 1, "material"], made), folder)
+            again = Scene.from_dict(json.loads(json.dumps(scene.source)), folder)
+            assert again.layers[1].material == made, name
+
+
+def law_keys(law):
+    return [parameter.name for parameter in law.parameters]
+
+
+def test_an_object_no_file_could_hold_is_refused(folder, tables, monkeypatch):
+    monkeypatch.setattr("tledface.scene.source.Constant", int)
+    with pytest.raises(
+        InputError, match=r"^scene: muscles\[0\]\.activation: got Constant.*allowed"
+    ):
+        Scene.from_dict(put(tables, ["muscles", 0, "activation"], Constant(0.5)), folder)
+
+
+def test_numbers_and_arrays_of_numpy_are_taken(folder, tables):
+    plain = Scene.from_dict(put(tables, ["geometry", "samples"], 4), folder)
+    given = put(tables, ["geometry", "samples"], np.int32(4))
+    given = put(given, ["geometry", "voxel"], np.full(3, 0.5))
+    given = put(given, ["output", "fps"], np.int64(tables["output"]["fps"]))
+    given = put(given, ["solver", "subcycling"], np.False_)
+    scene = Scene.from_dict(given, folder)
+    assert (scene.geometry, scene.output, scene.solver) == (
+        plain.geometry,
+        plain.output,
+        plain.solver,
+    )
+    assert json.loads(json.dumps(scene.source)) == scene.source
 
 
 def test_last_layer_takes_the_rest_even_with_a_thickness(folder, tables):
@@ -307,6 +399,13 @@ def test_several_problems_are_counted(folder, tables):
         Scene.from_dict(tables, folder)
 
 
+def test_what_is_no_scene_is_refused():
+    with pytest.raises(InputError, match="scene: got None; allowed: a dict"):
+        Scene.from_dict(None)
+    with pytest.raises(InputError, match="scene: got None; allowed: the path"):
+        Scene.load(None)
+
+
 def test_load_names_the_file(tmp_path):
     with pytest.raises(InputError, match=r"none\.toml: no such scene file"):
         Scene.load(tmp_path / "none.toml")
@@ -320,6 +419,12 @@ def test_load_names_the_file(tmp_path):
     path.write_text(template_text())
     with pytest.raises(InputError, match=r"broken\.toml: geometry\.skin: file not found"):
         Scene.load(path)
+
+
+def test_a_byte_order_mark_is_passed_over(folder):
+    path = folder / "marked.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + template_text().encode())
+    assert Scene.load(path).units == "mm"
 
 
 def test_files_need_not_exist_where_the_model_is_built(tables):

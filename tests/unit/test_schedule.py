@@ -57,6 +57,13 @@ def test_keyframes():
     assert k(9) == 0.25
 
 
+def test_keyframes_of_lists_and_arrays_are_those_of_tuples():
+    plain = Keyframes((0.0, 0.02, 0.05), (0.1, 1.0, 0.25))
+    for make in (list, np.array):
+        given = Keyframes(make(plain.times), make(plain.values))
+        assert given == plain and hash(given) == hash(plain)
+
+
 def test_as_schedule():
     assert as_schedule(0.5)(3.0) == 0.5
     assert as_schedule(np.float32(0.5))(3.0) == 0.5

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 import tledface as tf
 from conftest import required, unless_required
@@ -27,6 +28,8 @@ def small_model(muscle=True):
         ({"damping": -1.0}, "damping: got -1.0"),
         ({"mass_scaling": 0.5}, "mass_scaling: got 0.5"),
         ({"hourglass": "none"}, "hourglass: got 'none', allowed are 'physical', 'joldes'"),
+        ({"hourglass_kappa": 0.5}, 'hourglass_kappa: got 0.5 with hourglass = "physical"'),
+        ({"hourglass": "joldes", "hourglass_kappa": "a"}, "hourglass_kappa: got 'a'"),
         ({"precision": "half"}, "precision: got 'half'"),
         ({"kernels": "fast"}, "kernels: got 'fast'"),
         ({"dt": "big"}, "dt: got 'big'"),
@@ -39,6 +42,11 @@ def small_model(muscle=True):
 def test_bad_options_are_named(options, message):
     with pytest.raises(InputError, match=message):
         tf.Simulator(small_model(), **options)
+
+
+def test_what_is_no_model_is_refused():
+    with pytest.raises(InputError, match="got None as model; allowed: a tledface"):
+        tf.Simulator(None)
 
 
 def test_dt_message_suggests_a_mass_scaling_that_works():
@@ -69,6 +77,43 @@ def test_run_reaches_its_time_and_calls_frames():
     assert np.allclose(seen, 2e-4 * np.arange(1, 11), atol=sim.dt)
     with pytest.raises(InputError, match="fps"):
         sim.run(until=3e-3, on_frame=print)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda sim: sim.run("a"), "run: got until = 'a'; allowed: a finite time"),
+        (lambda sim: sim.run(None), "run: got until = None"),
+        (lambda sim: sim.run(-1), r"run: got until = -1 s; allowed: .* which is now, or later"),
+        (lambda sim: sim.run(sim.time - sim.dt), "which is now, or later"),
+        (lambda sim: sim.run(1e-3, on_frame=3, fps=1000), "run: got on_frame = 3; allowed: a func"),
+        (lambda sim: sim.run(1e-3, on_frame=print, fps="a"), "run: got fps = 'a'"),
+        (lambda sim: sim.set_state("a"), "u: got 'a'; allowed: finite values of shape"),
+        (
+            lambda sim: sim.set_state(np.where(np.arange(315 * 3).reshape(315, 3) == 4, np.nan, 0)),
+            r"u: got nan at \[1, 1\], which is not finite; allowed",
+        ),
+        (lambda sim: sim.set_state([1, [2]]), "u: got .*; allowed: finite values of shape"),
+        (lambda sim: sim.set_state(sim.u, time=np.nan), "set_state: got time = nan"),
+        (lambda sim: sim.set_state(sim.u, time="a"), "set_state: got time = 'a'"),
+    ],
+)
+def test_bad_arguments_of_run_and_set_state_change_nothing(call, message):
+    sim = tf.Simulator(small_model(), device="native")
+    sim.step(5)
+    time = sim.time
+    with pytest.raises(InputError, match=message):
+        call(sim)
+    assert (sim.time, sim.n_steps) == (time, 5)
+
+
+def test_run_to_a_time_that_is_reached_does_nothing():
+    sim = tf.Simulator(small_model(), device="native")
+    until = 4.6 * sim.dt
+    sim.run(until)
+    sim.run(until)  # the nearest step lies behind it
+    sim.run(sim.time)
+    assert sim.n_steps == 5
 
 
 def test_steps_in_pieces_equal_steps_at_once():
@@ -245,3 +290,47 @@ def test_reading_from_another_thread_does_not_disturb_the_steps(executor):
         return sim.u
 
     assert np.array_equal(run(True), run(False))
+
+
+def changed_later(change):
+    """Simulators of one model: of the second, ``change`` follows."""
+    sims = []
+    for _ in range(2):
+        model = small_model()
+        sims.append(tf.Simulator(model, device="native", precision="double", damping=50.0))
+    change(sims[1].model)
+    return sims
+
+
+def more_fixed(model):
+    model.fix(lambda X: X[:, 0] > X[:, 0].max() - 1e-9)
+
+
+def more_prescribed(model):
+    model.prescribe(lambda X: X[:, 0] > X[:, 0].max() - 1e-9, {"z": 1e-4})
+
+
+def more_sliding(model):
+    far = model.nodes[:, 0].max()
+    wall = trimesh.creation.box((0.01, 0.1, 0.1)).apply_translation((far + 0.006, 0.0, 0.0))
+    model.slide(lambda X: X[:, 0] > far - 1e-9, wall)
+
+
+def more_muscles(model):
+    model.add_muscle("late", np.ones(model.n_elements, bool), (1, 0, 0), sigma_act=1e3)
+
+
+@pytest.mark.parametrize("change", [more_fixed, more_prescribed, more_sliding, more_muscles])
+def test_later_changes_to_the_model_are_not_seen(change):
+    def everything(sim):
+        sim.activate("m", 0.3)
+        sim.step(5)
+        held = sim.reaction(np.ones(sim.model.n_nodes, bool))
+        assert sim.relax(1e-3).converged
+        return held, sim.u, sim.reaction(np.ones(sim.model.n_nodes, bool))
+
+    first, second = changed_later(change)
+    for one, other in zip(everything(first), everything(second), strict=True):
+        np.testing.assert_array_equal(one, other)
+    with pytest.raises(InputError, match="got muscle 'late'; this model has: m"):
+        second.activate("late", 0.1)

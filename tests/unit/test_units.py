@@ -2,9 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from tledface import units
+from tledface.constitutive import material
 from tledface.errors import InputError
 
 
@@ -38,6 +40,21 @@ def test_every_example_of_the_table_parses_with_its_own_kind():
     for kind, known in units.KINDS.items():
         assert math.isfinite(units.parse(known.example, kind))
         assert known.units[known.si] == 1.0
+
+
+@pytest.mark.parametrize("kind", [np.int64, np.int32, np.float32, np.float64, np.uint8])
+def test_numbers_of_numpy_are_numbers(kind):
+    value = units.parse(kind(34), "pressure", bare=1.0)
+    assert type(value) is float and value == 34.0
+    assert type(units.parse(kind(1), "number")) is float
+    made = material("neo_hookean", youngs_modulus=kind(34), poissons_ratio=0.25, density=kind(100))
+    assert made.youngs_modulus == 34.0
+
+
+@pytest.mark.parametrize("value", [np.True_, np.float32("nan"), 10**400, 1 + 2j, np.array([1.0])])
+def test_what_is_no_finite_number_is_refused(value):
+    with pytest.raises(InputError, match=r"^got .*; allowed: a finite number"):
+        units.parse(value, "number")
 
 
 def test_bare_number_needs_an_implied_unit_unless_zero():

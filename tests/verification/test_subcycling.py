@@ -3,6 +3,7 @@
 import itertools
 import warnings
 
+import h5py
 import numpy as np
 import pytest
 import trimesh
@@ -338,6 +339,30 @@ def test_a_restart_elsewhere_keeps_the_motion(tmp_path):
     for each in (sim, again):
         each.step(40)
     assert again.time == sim.time
+    assert abs(again.u - sim.u).max() < 0.01 * abs(sim.u).max()
+
+
+def test_levels_are_chosen_at_once_after_a_restart_on_other_lanes(tmp_path):
+    """Until then everything takes the shortest step: a file of a device of one lane is made up."""
+    sim = moving(8)
+    sim.step(40)
+    sim.checkpoint(tmp_path / "c.h5")
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        layout, arrays = file["state/layout"], file["state/arrays"]
+        lanes = int(layout.attrs["lanes"])
+        layout.attrs["lanes"] = 1
+        for name in ("u", "u_prev"):
+            blocks = arrays[name][()].view(np.float64).reshape(-1, 3, lanes)
+            arrays[name][...] = np.swapaxes(blocks, 1, 2).reshape(-1).view(np.uint8)
+        levels = np.repeat(arrays["levels"][()], lanes)
+        del arrays["levels"]
+        arrays["levels"] = levels
+    again = tf.Simulator.restore(tmp_path / "c.h5")
+    for each in (sim, again):
+        each.step(1)
+    cost = sim._core.relative_cost()
+    assert cost < 0.8
+    assert again._core.relative_cost() == pytest.approx(cost, abs=0.1)
     assert abs(again.u - sim.u).max() < 0.01 * abs(sim.u).max()
 
 

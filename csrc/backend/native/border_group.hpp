@@ -1,5 +1,5 @@
 // Eight of a zone's borders (kernels_cl/sliding_zone.cl). Included within the namespaces of
-// shim.hpp and counted.hpp, whose `real` it takes.
+// shim.hpp and counted.hpp, whose `real` it takes, so once in each: no guard.
 
 #define GROUP_LANES 8
 typedef real realg __attribute__((vector_size(sizeof(real) * GROUP_LANES)));

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from tledface.cli.interrupts import verb_begins
 from tledface.errors import InputError, SimulationError
 
 __all__ = ["AsJson", "Device", "Force", "Group", "Quiet", "give"]
@@ -64,6 +65,7 @@ class Group(TyperGroup):
         130 for one that the keyboard interrupts.
         """
         try:
+            verb_begins()
             with warnings.catch_warnings():
                 warnings.showwarning = _show_warning
                 return super().invoke(ctx)

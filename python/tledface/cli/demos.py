@@ -92,18 +92,11 @@ def demo(
     output_folder = OutputFolder(folder, force=force or again)
     opened = device_module.resolve(device)
     if example.is_study:
-        output_folder.begin(about)
-        try:
-            found = example.call(folder, device=opened, quiet=quiet or json, **arguments)
-        except BaseException as error:
-            output_folder.write({**about, "state": "failed", "error": str(error), "files": []})
-            raise
-        files = [path.name for path in found.files.values()]
-        about |= {"state": "finished", "files": files, "result": found.to_dict()}
-        output_folder.write(about)
+        with output_folder.held():
+            found = _study(output_folder, example, about, opened, arguments, quiet=quiet or json)
         give(found.text(), found.to_dict(), as_json=json, quiet=quiet)
         return
-    with _scene_in(output_folder, example, arguments) as (draft, keep):
+    with output_folder.held(), _scene_in(folder, example, arguments) as (draft, keep):
         with spinner("building the model", quiet=quiet or json):
             model = Scene.load(draft).build()
         # Only now: what cannot be built loses no earlier results.
@@ -184,18 +177,42 @@ def _word(value: Any) -> str:
     return str(value).lower() if plain else shlex.quote(str(value))
 
 
+def _study(
+    output: OutputFolder,
+    example: Example,
+    about: dict[str, Any],
+    device: Any,
+    arguments: dict[str, Any],
+    *,
+    quiet: bool,
+) -> Any:
+    """Compute a study into its folder, and say in ``run.json`` how it ended.
+
+    Settings that it refuses leave the folder as it was.
+    """
+    if example.check is not None:
+        example.check(**arguments)
+    output.begin(about)
+    try:
+        found = example.call(output.path, device=device, quiet=quiet, **arguments)
+    except BaseException as error:
+        output.write({**about, "state": "failed", "error": str(error), "files": []})
+        raise
+    files = [path.name for path in found.files.values()]
+    output.write({**about, "state": "finished", "files": files, "result": found.to_dict()})
+    return found
+
+
 @contextmanager
 def _scene_in(
-    output: OutputFolder, example: Example, arguments: dict[str, Any]
+    folder: Path, example: Example, arguments: dict[str, Any]
 ) -> Iterator[tuple[Path, Any]]:
     """Write a scene beside its place; the second value moves it there and returns its file.
 
     The draft is as deep in the folder as the place, so that relative paths hold in both. Whatever
     fails before it is moved leaves the folder as it was.
     """
-    folder, place = output.path, output.path / "scene"
-    made = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
+    place = folder / "scene"
     draft = Path(tempfile.mkdtemp(prefix=".scene-", dir=folder))
     try:
         draft.chmod(0o755)
@@ -214,5 +231,3 @@ def _scene_in(
         yield draft / Path(file).relative_to(draft), keep
     finally:
         shutil.rmtree(draft, ignore_errors=True)
-        if made and not any(folder.iterdir()):
-            folder.rmdir()

@@ -26,8 +26,8 @@ def render(
         typer.Option(
             "--view",
             metavar="VIEW",
-            help="front (from -y, +z up), back, side (from +x), top; of a run also oblique, a side "
-            "as -y, or a direction as 0.3,-1,0.2; may be given several times.",
+            help="front (from -y, +z up), back, side (from +x), other side, top, bottom; of a run "
+            "also oblique, a side as -y, or a direction as 0.3,-1,0.2; may be given several times.",
             show_default="front and side; as the run's own picture",
         ),
     ] = None,

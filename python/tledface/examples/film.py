@@ -23,7 +23,7 @@ from tledface.errors import InputError
 if TYPE_CHECKING:
     from tledface.model import Model
 
-__all__ = ["EXACT", "FilmResult", "FilmRun", "shorten", "strip", "study"]
+__all__ = ["EXACT", "FilmResult", "FilmRun", "check", "shorten", "strip", "study"]
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +34,8 @@ EXACT = {10.0: (11.457, 0.10522), 24.57: (14.131, 0.05893), 100.0: (21.113, 0.02
 THICKNESS = 0.5e-3  # m, of the film
 SUBSTRATE, NU, DENSITY = 81.4e3, 0.49, 1100.0  # Pa, -, kg/m3: a dermis
 WAVES_LONG, WAVES_DEEP = 8.0, 1.5
+# Strain steps up to the exact onset, and bounds of what a study computes.
+_RESOLUTION, _FINEST, _MOST_WAVES = 50, 10_000, 1000.0
 # Noise at the start of each strain step, in film thicknesses.
 _NOISE = 1e-3
 # Duration of a strain step, in units of 1 / omega of the shear wave as long as the wrinkles.
@@ -244,12 +246,25 @@ def shorten(
     )
 
 
+def check(
+    *, ratio: float = 24.57, waves: float = WAVES_LONG, resolution: int = _RESOLUTION
+) -> None:
+    """Raise InputError for settings that `study` refuses."""
+    if ratio not in EXACT:
+        known = ", ".join(f"{known:g}" for known in EXACT)
+        raise InputError(f"film ratio: got {ratio!r}; allowed, with an exact answer: {known}")
+    if not 1.0 <= waves <= _MOST_WAVES:
+        raise InputError(f"film waves: got {waves!r}; allowed: 1 to {_MOST_WAVES:g}")
+    if not _GROWING <= resolution <= _FINEST:
+        raise InputError(f"film resolution: got {resolution!r}; allowed: {_GROWING} to {_FINEST}")
+
+
 def study(
     folder: str | Path,
     *,
     ratio: float = 24.57,
     waves: float = WAVES_LONG,
-    resolution: int = 50,
+    resolution: int = _RESOLUTION,
     device: Any = "auto",
     quiet: bool = False,
 ) -> FilmResult:
@@ -264,14 +279,12 @@ def study(
         quiet: No progress bar.
 
     Raises:
-        InputError: another ratio, or a folder that cannot be written.
+        InputError: settings that `check` refuses, or a folder that cannot be written.
     """
     from tledface.examples._film_picture import draw
     from tledface.progress import ProgressBar
 
-    if ratio not in EXACT:
-        known = ", ".join(f"{known:g}" for known in EXACT)
-        raise InputError(f"film ratio: got {ratio!r}; allowed, with an exact answer: {known}")
+    check(ratio=ratio, waves=waves, resolution=resolution)
     wavelength, strain = EXACT[ratio][0] * THICKNESS, EXACT[ratio][1]
     model = strip(ratio, wavelength, waves=waves)
     runs: list[FilmRun] = []

@@ -287,6 +287,8 @@ def _compact(data: NDArray[Any], path: Path) -> tuple[NDArray[np.int64], NDArray
             "be segmented first)"
         )
     low, high = int(data.min()), int(data.max())
+    if high > np.iinfo(np.int64).max:
+        raise InputError(f"{path}: has the label {high}; allowed: up to 2^63 - 1")
     if high - low < _TABLE:  # a look-up per voxel; sorting 10^8 of them takes minutes
         wide = np.int32 if data.dtype.itemsize <= 2 else np.int64
         place = data.astype(wide) - low

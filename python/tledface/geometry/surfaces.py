@@ -22,6 +22,10 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 SURFACE_FORMATS = (".stl", ".obj", ".ply", ".off", ".glb", ".gltf")
 
 
+# Bytes of a binary STL file: before its triangles, with their number, and of each.
+_STL_HEAD, _STL_TRIANGLE = 84, 50
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceFile:
     """A surface as its file has it and as a closed volume.
@@ -90,6 +94,8 @@ def read_parts(path: Path) -> list[trimesh.Trimesh]:
         )
     if path.stat().st_size == 0:
         raise InputError(f"{path}: the file is empty; export the surface again")
+    if path.suffix.lower() == ".stl":
+        _check_length(path)
     try:
         loaded = trimesh.load(path, process=False)
         parts = [loaded] if isinstance(loaded, trimesh.Trimesh) else _scene_parts(loaded)
@@ -98,11 +104,47 @@ def read_parts(path: Path) -> list[trimesh.Trimesh]:
         return parts
     # The parsers raise whatever the damage provokes: struct, index, key and value errors.
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        obj = isinstance(error, IndexError) and path.suffix.lower() == ".obj"
+        reason = (_obj_index(path) if obj else "") or " ".join(str(error).split())
+        reason = reason or type(error).__name__
         raise InputError(
             f"{path}: cannot be read as {path.suffix.lower()[1:].upper()} ({reason}); "
             "export the surface again"
         ) from None
+
+
+def _check_length(path: Path) -> None:
+    """Raise InputError for a binary STL file that is cut short."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_STL_HEAD)
+    # A text has no zero byte; a number of triangles has, unless there are 17 million.
+    if b"\0" not in head:
+        return
+    triangles = int.from_bytes(head[80:], "little")
+    expected = _STL_HEAD + _STL_TRIANGLE * triangles
+    of = f"of {triangles} triangles"
+    if size < _STL_HEAD:
+        expected, of = _STL_HEAD, "of no triangle"
+    if size < expected:
+        raise InputError(
+            f"{path}: cut short: {size} bytes, {expected} expected (binary STL {of}); copy or "
+            "export the surface again"
+        )
+
+
+def _obj_index(path: Path) -> str:
+    """The first face of an OBJ file that names a vertex that is not there; empty without one."""
+    lines = [
+        line.split() for line in path.read_text(encoding="utf-8", errors="replace").split("\n")
+    ]
+    count = sum(words[:1] == ["v"] for words in lines)
+    for number, words in enumerate(lines, start=1):
+        for corner in words[1:] if words[:1] == ["f"] else []:
+            vertex = corner.split("/")[0]
+            if vertex.lstrip("-").isdigit() and not 1 <= abs(int(vertex)) <= count:
+                return f"line {number}: a face names vertex {vertex}; allowed: 1 to {count}"
+    return ""
 
 
 def _read_triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

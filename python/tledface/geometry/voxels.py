@@ -189,10 +189,12 @@ def voxelise(
     own, keep = _kept(found, box[0], edges, [_surface(bone) for bone in bones], fill, cleaning)
     report["left_out"] = found["left_out"]
     if not keep.any():
+        size_mm = " x ".join(f"{1e3 * edge:.3g}" for edge in np.ptp(surface.vertices, axis=0))
         raise InputError(
             f"voxel: no voxel of {' x '.join(f'{1e3 * edge:g}' for edge in edges)} mm holds "
-            f"{fill:g} or more of tissue; take smaller voxels, a lower fill, or check that bones, "
-            "depth and region leave tissue"
+            f"{fill:g} or more of tissue; the skin measures {size_mm} mm: check units if that is "
+            "wrong, else take smaller voxels, a lower fill, or check that bones, depth and region "
+            "leave tissue"
         )
     own = np.minimum(own[keep], 1.0)
     report["tissue_volume"] = float(own.sum()) * size

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from tledface.errors import InputError
+
+
+def as_path(given: object, what: str) -> Path:
+    """The path of a file to read or write; raises InputError for what is none."""
+    if not isinstance(given, (str, os.PathLike)) or not str(given) or "\0" in str(given):
+        raise InputError(f"{what}: got {given!r}; allowed: the path of a file")
+    return Path(given)
 
 
 def check_folder(path: Path, what: str) -> None:
@@ -37,7 +45,17 @@ def atomic_path(path: Path, what: str, *, durable: bool = False) -> Iterator[Pat
     ``durable``: the file and its name are on the disk before it replaces another one.
     """
     check_folder(path, what)
+    if os.path.isdir(path):  # Path.is_dir raises for a name that is too long
+        raise InputError(f"{what} {path}: is a folder; give the name of a file in it")
     part = path.with_name(f"{path.stem}.part{path.suffix}")
+    try:
+        part.touch()
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise
+        raise InputError(
+            f"{what} {path}: cannot be made there ({error.strerror}); choose another place or name"
+        ) from None
     try:
         yield part
         if durable:

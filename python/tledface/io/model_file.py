@@ -13,12 +13,13 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from tledface._model_checks import checked_fill
 from tledface.conditions import BodyForce, Prescribed, Pressure
 from tledface.constitutive import Material, material
 from tledface.errors import InputError
-from tledface.io._atomic import atomic_path
+from tledface.io._atomic import as_path, atomic_path
 from tledface.io.model_surfaces import (
     COMPRESSION,
     numbered,
@@ -54,7 +55,8 @@ def save_model(model: Model, path: str | Path) -> None:
         InputError: the folder does not exist or is not writable, or a condition is a callable,
             which no file can hold.
     """
-    with atomic_path(Path(path), "model file") as part, h5py.File(part, "w") as file:
+    target = as_path(path, "model file")
+    with atomic_path(target, "model file") as part, h5py.File(part, "w") as file:
         write_model(model, file)
 
 
@@ -162,7 +164,9 @@ def load_model(path: str | Path) -> Model:
         InputError: no such file, not a model file, a version this tledface does not know, or a
             file that is damaged.
     """
-    path = Path(path)
+    path = as_path(path, "model file")
+    if path.is_dir():
+        raise InputError(f"model file {path}: is a folder; give a model file (.h5)")
     if not path.is_file():
         raise InputError(f"model file {path}: no such file")
     try:
@@ -194,6 +198,21 @@ def load_model(path: str | Path) -> Model:
             ) from None
 
 
+def _direction_field(model: Model, tissue: str, name: str, field: Any) -> NDArray[np.float64]:
+    known = model.tissue_materials[model.tissues.index(tissue)].direction_names()
+    if name not in known:
+        raise InputError(
+            f"tissue {tissue!r} has no direction {name!r}; allowed: {', '.join(known)}"
+        )
+    if field.shape != (model.n_elements, 3) or not np.isfinite(field).all():
+        raise InputError(
+            f"direction {name!r} of {tissue!r} has shape {field.shape}; allowed: finite "
+            f"({model.n_elements}, 3)"
+        )
+    result: NDArray[np.float64] = field
+    return result
+
+
 def read_model(file: h5py.Group) -> Model:
     """Read the model of an open file or group, bit for bit as it was written.
 
@@ -202,10 +221,12 @@ def read_model(file: h5py.Group) -> Model:
     model = _read_elements(file)
     for name, group in zip(model.tissues, numbered(file, "tissues"), strict=True):
         if "direction_fields" in group:
-            fields = {key: data[()] for key, data in group["direction_fields"].items()}
-            model.set_directions(name, fields)
-            # Normalising a unit vector again may move its last bit, and a restart would differ.
-            model.directions[name] = fields
+            # Not by set_directions: that would normalise again, which may move a last bit, and it
+            # refuses a tissue whose elements have become another's since.
+            model.directions[name] = {
+                key: _direction_field(model, name, key, data[()])
+                for key, data in group["direction_fields"].items()
+            }
     model.gravity = file.attrs["gravity"]
     fixed = file["fixed"][()].astype(bool)
     if fixed.shape != model.fixed.shape:

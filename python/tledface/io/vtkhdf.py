@@ -22,7 +22,7 @@ unused. Without ``frames`` arrays grow, and a kill within an append may cost the
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -36,7 +36,7 @@ from tledface.io._atomic import check_folder, sync
 from tledface.model import Model
 from tledface.surface import BoundSurface
 
-__all__ = ["VTKHDFSurfaceWriter", "VTKHDFWriter"]
+__all__ = ["VTKHDFSurfaceWriter", "VTKHDFWriter", "frame_bytes"]
 
 _VTK_HEXAHEDRON = 12
 _ENDING = ".vtkhdf"
@@ -268,8 +268,9 @@ class VTKHDFWriter(_TimeSeries):
         frames: Number of frames to reserve space for; more can follow. See the module.
 
     Constant cell data: ``tissue`` (index of the largest fraction), ``fraction_<tissue>``,
-    ``muscle_<name>`` (weight). Point data ``displacement`` in m, float32. Of a surface with
-    vertices that stay at rest, cell data ``moves``: 0 for triangles that have one.
+    ``muscle_<name>`` (weight); a slash in a name becomes ``_``, and more than one where another has
+    that name. Point data ``displacement`` in m, float32. Of a surface with vertices that stay at
+    rest, cell data ``moves``: 0 for triangles that have one.
 
     Raises:
         InputError: another ending, no such folder, or no surface of that name.
@@ -459,22 +460,38 @@ class VTKHDFSurfaceWriter(_TimeSeries):
         self._add_step(time, first_point=self.n_steps * self._n_points)
 
 
+def frame_bytes(model: Model, surface: BoundSurface) -> int:
+    """Bytes on the disk of a frame with a scalar of the elements and one of the vertices."""
+    voxels = 3 * 4 * model.n_nodes + 4 * model.n_elements
+    skin = (3 * 8 + 4) * len(surface.vertices)
+    # Rows of `Steps`: six tables and one for each array, in both files.
+    rows = 8 * (32 + len(model.tissues) + len(model.muscles))
+    return voxels + skin + rows
+
+
 def _constant_fields(model: Model) -> dict[str, NDArray[np.generic]]:
     fields: dict[str, NDArray[np.generic]] = {
         "tissue": np.argmax(model.fractions, axis=1).astype(np.int32)
     }
-    for column, name in enumerate(model.tissues):
-        fields[f"fraction_{_plain(name)}"] = model.fractions[:, column].astype(np.float32)
-    for muscle in model.muscles:
+    for column, name in enumerate(_plain(model.tissues)):
+        fields[f"fraction_{name}"] = model.fractions[:, column].astype(np.float32)
+    names = _plain([muscle.name for muscle in model.muscles])
+    for name, muscle in zip(names, model.muscles, strict=True):
         weight = np.zeros(model.n_elements, dtype=np.float32)
         weight[muscle.elements] = muscle.weight
-        fields[f"muscle_{_plain(muscle.name)}"] = weight
+        fields[f"muscle_{name}"] = weight
     return fields
 
 
-def _plain(name: str) -> str:
-    """HDF5 splits names at slashes."""
-    return name.replace("/", "_")
+def _plain(names: Sequence[str]) -> list[str]:
+    """Names without slashes, at which HDF5 splits them; different ones stay different."""
+    plain: list[str] = []
+    for name in names:
+        new = name.replace("/", "_")
+        while new != name and (new in names or new in plain):
+            new += "_"
+        plain.append(new)
+    return plain
 
 
 def _in_place() -> h5py.h5p.PropDCID:

@@ -141,6 +141,10 @@ class MissingFiles(InputError):
     def __init__(self, files: list[Path]) -> None:
         """One line that names them all, and what lies near the first."""
         path = files[0]
+        if path.is_dir():
+            super().__init__(f'got "{path}", which is a folder; allowed: a surface file')
+            self.files = files
+            return
         names = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
         near = difflib.get_close_matches(path.name, names, n=1)
         hint = f"; nearest there: {near[0]}" if near else ""

@@ -12,7 +12,9 @@ from pydantic import PrivateAttr, ValidationError
 
 from tledface import units
 from tledface.errors import InputError
+from tledface.io._atomic import as_path
 from tledface.scene.fields import MissingFiles
+from tledface.scene.source import as_tables, without_numpy
 from tledface.scene.tables import SceneTables
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ class Scene(SceneTables):
 
     @property
     def source(self) -> dict[str, Any]:
-        """The tables as written, before conversion."""
+        """The tables as a file would hold them, before conversion."""
         return self._source
 
     @classmethod
@@ -52,12 +54,17 @@ class Scene(SceneTables):
         a file of another kind, TOML syntax, unknown key, missing or bad value, missing unit,
         missing surface files.
         """
-        path = Path(path)
+        path = as_path(path, "scene")
         if other := _not_a_scene(path):
             raise InputError(f"{path}: {other}")
         try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+            text = path.read_text(encoding="utf-8-sig")  # some editors begin a file with its mark
+        except UnicodeDecodeError:
+            raise InputError(
+                f"{path}: cannot be read as text; allowed: a scene file (.toml), or a model file "
+                "(.h5) where one is taken, as by `tledface run`"
+            ) from None
+        except OSError as error:
             raise InputError(f"{path}: cannot be read as text ({error})") from None
         try:
             tables = tomllib.loads(text)
@@ -73,6 +80,7 @@ class Scene(SceneTables):
     ) -> Scene:
         """A scene from TOML-like tables; relative paths start at ``base``.
 
+        Values may also be ``tf.material(...)``, ``tf.ramp(...)``, NumPy numbers and arrays.
         Surface files must exist unless ``check_files`` is False (a scene whose model is built
         already). Raises InputError as ``load`` does.
         """
@@ -82,16 +90,22 @@ class Scene(SceneTables):
     def _checked(
         cls, tables: Mapping[str, Any], base: Path, where: str, *, check_files: bool
     ) -> Scene:
+        if not isinstance(tables, Mapping):
+            raise InputError(f"{where}: got {tables!r}; allowed: a dict of a scene's tables")
         try:
             length = units.unit_scale(tables["units"]) if "units" in tables else 1.0
         except InputError as error:
             raise InputError(f"{where}: units: {error}") from None
+        tables = without_numpy(tables)
         context = {"length": length, "base": base, "check_files": check_files}
         try:
-            scene = cls.model_validate(dict(tables), context=context)
+            scene = cls.model_validate(tables, context=context)
         except ValidationError as error:
             raise InputError(f"{where}: {_one_line(error, tables)}") from None
-        scene._source = json.loads(json.dumps(tables, default=str))
+        try:
+            scene._source = as_tables(tables)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
         return scene
 
     @classmethod

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
+from tledface._model_checks import floats, unlike
 from tledface.errors import InputError
 from tledface.fibre_kinds import Fibre, make_fibre
 from tledface.geometry.fibres.axes import long_axes
@@ -116,9 +117,11 @@ def fibre_field(
 
     Example: ``fibre_field(mesh, "sheet", points, to="+z")``.
     """
-    at = np.asarray(points, dtype=np.float64)
-    if at.ndim != 2 or at.shape[1] != 3 or not np.isfinite(at).all():
-        raise InputError(f"points: got shape {at.shape}; need finite (n, 3) points in metres")
+    at = floats("points", points)
+    fits = at.ndim == 2 and at.shape[1] == 3
+    if not fits or not np.isfinite(at).all():
+        got = unlike(at, shape_fits=fits)
+        raise InputError(f"points: got {got}; allowed: finite metres of shape (n, 3)")
     solid = _solid(surface)
     if not isinstance(kind, str):
         direction = np.asarray(kind, dtype=np.float64)

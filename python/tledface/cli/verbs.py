@@ -10,7 +10,7 @@ import typer
 from tledface.cli import demos, machine, pictures, scenes
 from tledface.cli.common import Group
 
-__all__ = ["app", "main"]
+__all__ = ["app"]
 
 app = typer.Typer(
     name="tledface",
@@ -54,8 +54,3 @@ for _verb in (
     scenes.schema,
 ):
     app.command()(_verb)
-
-
-def main() -> None:
-    """The console script."""
-    app(prog_name="tledface")
