@@ -55,6 +55,40 @@ def vector(what: str, values: ArrayLike) -> Floats:
     return vector
 
 
+def checked_points(what: str, vertices: ArrayLike) -> Floats:
+    """Return the vertices of a surface, (n, 3) m."""
+    points = floats(f"{what} vertices", vertices)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{what} vertices: got shape {points.shape}; allowed: (n, 3) metres")
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        raise InputError(
+            f"{what} vertices: vertex {int(np.argmin(finite))} is not finite "
+            f"({np.count_nonzero(~finite)} such of {len(points)}); allowed: finite metres"
+        )
+    return points
+
+
+def checked_faces(
+    what: str, faces: ArrayLike, n_vertices: int, *, none: bool = False
+) -> NDArray[np.integer]:
+    """Return the triangles of a surface, (m, 3) vertices each; ``none``: there may be none."""
+    triangles = np.asarray(faces)
+    fits = triangles.ndim == 2 and triangles.shape[1:] == (3,) and triangles.dtype.kind in "iu"
+    if not fits or not (none or len(triangles)):
+        least = "" if none else ", one at least"
+        raise InputError(
+            f"{what} faces: got shape {triangles.shape} of {triangles.dtype}; allowed: (m, 3) "
+            f"whole numbers of vertices{least}; triangulate other polygons first"
+        )
+    if triangles.size and (triangles.min() < 0 or triangles.max() >= n_vertices):
+        raise InputError(
+            f"{what} faces: got vertices {triangles.min()} to {triangles.max()}; allowed: 0 to "
+            f"{n_vertices - 1}"
+        )
+    return triangles
+
+
 def checked_cells(cells: ArrayLike) -> NDArray[np.int32]:
     """Return (n_elem, 3) grid indices; distinctness is checked where they are sorted."""
     grid = np.asarray(cells)

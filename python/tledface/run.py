@@ -472,7 +472,7 @@ def _write_results(
         write_surface(files[role], other.displaced(u), other.polygons)
     view: dict[str, Any] = {"profile": False}
     if folds is not None:
-        view = {"profile": folds.line}
+        view = {"profile": folds.line, "min_prominence": folds.min_prominence}
         if abs(folds.up[2]) < 0.9:
             # A body seen from straight before its muscle, head up.
             view |= {"view": folds.up, "up": (0.0, 0.0, 1.0)}
