@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface.constitutive import Material
-from tledface.errors import InputError
+from tledface.errors import InputError, shown
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -37,6 +37,18 @@ def unlike(values: Floats, *, shape_fits: bool) -> str:
     value, place = values[tuple(bad[0])], ", ".join(map(str, bad[0].tolist()))
     more = f" ({len(bad)} such of {values.size})" if len(bad) > 1 else ""
     return f"{value} at [{place}]{more}, which is not finite"
+
+
+def numbers_of(value: object, *shapes: tuple[int, ...]) -> tuple[Floats, str]:
+    """What a function gave, and why that is refused: "" for finite numbers of one of the shapes."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0), shown(value)
+    fits = array.shape in shapes and not isinstance(value, (str, bytes))
+    if fits and np.isfinite(array).all():
+        return array, ""
+    return array, unlike(array, shape_fits=fits) if array.ndim else shown(value)
 
 
 def floats(what: str, values: ArrayLike) -> Floats:

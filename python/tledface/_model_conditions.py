@@ -223,9 +223,9 @@ class ConditionsMixin:
         fits = values.shape in ((3,), (len(elements), 3))
         if not fits or not np.isfinite(values).all():
             raise InputError(
-                f"body_force: got {unlike(values, shape_fits=fits)}; allowed: finite N/m3 of shape "
-                "(3,), "
-                f"({len(elements)}, 3) for the selected elements or ({self.n_elements}, 3)"
+                f"body_force: got {unlike(values, shape_fits=fits)}; allowed: finite N/m3, (3,) "
+                f"for all of the {len(elements)} selected elements, ({len(elements)}, 3) for each, "
+                f"or ({self.n_elements}, 3) for each of the model"
             )
         self.body_forces.append(BodyForce(elements, values))
 
