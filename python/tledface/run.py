@@ -205,11 +205,10 @@ def _interrupted(sim: Simulator, folder: Path, kept: list[str]) -> str:
 
 def _no_room(error: OSError, folder: Path) -> str:
     """What to do about a disk that is full, or a limit of file sizes."""
-    first = (
-        "raise the limit of file sizes (ulimit -f)" if error.errno == errno.EFBIG else "make room"
-    )
-    go_on = f"then `tledface resume {folder}` goes on"
-    return f"{error.strerror}; {first}, {go_on if any_in(folder) else 'then run it again'}"
+    limited = error.errno == errno.EFBIG
+    first = "raise the limit of file sizes (ulimit -f)" if limited else "make room"
+    again = f"`tledface resume {folder}` goes on" if any_in(folder) else "run it again with --force"
+    return f"{error.strerror}; {first}, then {again}"
 
 
 def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:

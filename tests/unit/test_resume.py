@@ -279,6 +279,15 @@ def test_a_disk_too_full_for_frames_ends_the_run_and_it_goes_on_later(
     assert_same(resume_run(tmp_path / "out", quiet=True), whole)
 
 
+def test_a_disk_too_full_for_the_first_frame_says_what_to_do(scene, tmp_path, monkeypatch):
+    def full(self, time, u, **fields):
+        raise OSError(errno.ENOSPC, "No space left on device", "frames.part.vtkhdf")
+
+    monkeypatch.setattr(VTKHDFWriter, "append", full)
+    with pytest.raises(OSError, match=r"make room, then run it again with --force.*frames\.part"):
+        run_scene(scene, tmp_path / "out", device="native", quiet=True)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of the file size there")
 def test_a_limit_of_file_sizes_ends_a_resumption_and_it_goes_on_later(stopped, whole):
     size = (stopped / "frames.vtkhdf").stat().st_size
