@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface import _core
+from tledface import _core, units
 from tledface._model_checks import Floats, Mask, floats, show, unlike
 from tledface.conditions import (
     BodyForce,
@@ -223,9 +223,13 @@ class ConditionsMixin:
         fits = values.shape in ((3,), (len(elements), 3))
         if not fits or not np.isfinite(values).all():
             raise InputError(
-                f"body_force: got {unlike(values, shape_fits=fits)}; allowed: finite N/m3 of shape "
-                "(3,), "
-                f"({len(elements)}, 3) for the selected elements or ({self.n_elements}, 3)"
+                f"body_force: got {unlike(values, shape_fits=fits)}; allowed: finite N/m3, (3,) "
+                f"for all of the {len(elements)} selected elements, ({len(elements)}, 3) for each, "
+                f"or ({self.n_elements}, 3) for each of the model"
+            )
+        if np.abs(values).max() > units.MOST:
+            raise InputError(
+                f"body_force: got {np.abs(values).max():g} N/m3; allowed: up to {units.MOST:g} N/m3"
             )
         self.body_forces.append(BodyForce(elements, values))
 
@@ -269,9 +273,10 @@ class ConditionsMixin:
                 f"pressure: where selects none of the {len(faces)} boundary faces; their centres "
                 f"span {show(centres.min(axis=0))} to {show(centres.max(axis=0))} m"
             )
-        if not is_scalar_of_time(value):
+        if not is_scalar_of_time(value) or (isinstance(value, Real) and abs(value) > units.MOST):
             raise InputError(
-                f"pressure: got {value!r}; allowed: Pa as a finite number, or callable(t)"
+                f"pressure: got {value!r}; allowed: Pa as a number up to {units.MOST:g}, or "
+                "callable(t)"
             )
         self.pressures.append(Pressure(faces[mask], value))
 

@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ import fake_run
 from tledface.catalogue import Example, shipped
 from tledface.cli import app
 from tledface.errors import InputError, SimulationError
+from tledface.io import _lock
 from tledface.scene import Scene
 
 VERBS = ("doctor", "demo", "examples", "new", "check", "build", "run", "resume", "bench", "schema")
@@ -360,6 +362,32 @@ def test_other_settings_never_replace_a_run_unasked(call, tmp_path, varied, monk
     assert {path for path in (tmp_path / "out").rglob("*")} == set(before)
     assert all(path.stat().st_mtime_ns == t for path, t in before.items() if path.is_file())
     assert call("demo", "varied", "-o", "out", "--force", "--variant", "thin").exit_code == 0
+
+
+def test_a_demo_that_finds_no_room_keeps_its_earlier_results(call, tmp_path, varied, monkeypatch):
+    assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    full = shutil.disk_usage(tmp_path)._replace(free=-(10**9))
+    with monkeypatch.context() as patch:
+        patch.setattr("shutil.disk_usage", lambda path: full)
+        line = error_line(call("demo", "varied", "-o", "out"))
+    assert line.startswith("tledface: error: out/scene/deep/brow.toml: output.fps")
+    after = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert after == before
+
+
+def test_a_demo_holds_its_folder_from_the_scene_to_the_last_result(
+    call, tmp_path, varied, monkeypatch
+):
+    release, states = _lock.release, []
+
+    def released(path, handle):
+        states.append(json.loads((tmp_path / "out" / "run.json").read_text())["state"])
+        release(path, handle)
+
+    monkeypatch.setattr(_lock, "release", released)
+    assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
+    assert states == ["finished"]
 
 
 def test_an_unfinished_demo_is_resumed_rather_than_begun_again(call, tmp_path, varied):

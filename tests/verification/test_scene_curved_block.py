@@ -93,7 +93,7 @@ def test_what_is_held_stays(raised):
 def test_one_material_does_not_fold(raised, tmp_path):
     plain = Contracted(tmp_path, single_material=True)
     assert plain.moved("frontalis")[2] > raised.moved("frontalis")[2] / 2
-    assert plain.folds.amplitude < raised.folds.amplitude / 4
+    assert plain.folds.count == 0
 
 
 @pytest.mark.parametrize(
