@@ -60,7 +60,7 @@ def row(folder: Path, variant: str) -> str:
     apart = f"{1e3 * found.wavelength:.1f}" if np.isfinite(found.wavelength) else "–"
     low, high = (1e3 * height for height in found.heights)
     size = f"{low:.1f}–{high:.1f}" if high > 0.0 else "–"
-    upright = f"{found.upright}, {1e3 * found.upright_height:.1f}" if found.upright else "–"
+    upright = f"{found.upright} / {1e3 * found.upright_height:.1f}" if found.upright else "–"
     return (
         f"| `{variant}` | {1e3 * found.brow_rise:+.1f} | {1e3 * found.root_rise:+.1f} | {folds} | "
         f"{apart} | {size} | {upright} | {result['steps']:,} of {1e6 * result['dt_s']:.1f} µs | "

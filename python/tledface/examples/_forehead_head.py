@@ -221,8 +221,8 @@ def _corrugator(side: float) -> tuple[Floats, ...]:
     """
     along = np.linspace(0.0, 1.0, 28)
     x = 3.0 + 25.0 * along
-    z = 1545.5 + 7.5 * along + 1.5 * np.sin(np.pi * along)
-    width = np.interp(along, [0.0, 0.5, 1.0], [9.0, 11.0, 10.0])
+    z = 1545.5 + 8.5 * along + 1.5 * np.sin(np.pi * along)
+    width = np.interp(along, [0.0, 0.5, 1.0], [9.0, 11.0, 7.0])
     across = np.linspace(-0.5, 0.5, 12)[:, None]
     low = np.interp(along, [0.0, 0.25, 1.0], [0.1, 2.0, 2.9]) + 0.0 * across
     thick = np.interp(along, [0.0, 0.3], [2.0, 2.4])

@@ -87,8 +87,9 @@ class GuardedFile:
         """Fill a buffer, with zeros where an error kept the file short."""
         view = memoryview(buffer).cast("B")
         done = 0
-        while done < len(view) and (got := os.readv(self._handle, [view[done:]])):
-            done += got
+        while done < len(view) and (got := os.read(self._handle, len(view) - done)):
+            view[done : done + len(got)] = got
+            done += len(got)
         if self._error is None:
             return done
         view[done:] = bytes(len(view) - done)
