@@ -60,10 +60,11 @@ def row(folder: Path, variant: str) -> str:
     apart = f"{1e3 * found.wavelength:.1f}" if np.isfinite(found.wavelength) else "–"
     low, high = (1e3 * height for height in found.heights)
     size = f"{low:.1f}–{high:.1f}" if high > 0.0 else "–"
-    upright = f"{found.upright} / {1e3 * found.upright_height:.1f}" if found.upright else "–"
+    if found.upright and not any(found.folds.values()):
+        folds, size = f"{found.upright} upright", f"to {1e3 * found.upright_height:.1f}"
     return (
         f"| `{variant}` | {1e3 * found.brow_rise:+.1f} | {1e3 * found.root_rise:+.1f} | {folds} | "
-        f"{apart} | {size} | {upright} | {result['steps']:,} of {1e6 * result['dt_s']:.1f} µs | "
+        f"{apart} | {size} | {result['steps']:,} of {1e6 * result['dt_s']:.1f} µs | "
         f"{100 * result['added_mass_share']:.0f} % |"
     ).replace(",", " ")
 
@@ -118,7 +119,7 @@ def main() -> None:
     parser.add_argument("variants", nargs="*", default=list(forehead.VARIANTS))
     parser.add_argument("--data", type=Path)
     parser.add_argument("--full", action="store_true", help="the half at 0.5 mm")
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()  # variants may stand after options
     folders = {variant: given.runs / variant for variant in given.variants}
     for variant, folder in folders.items():
         run(folder, variant, given.data, given.full)

@@ -128,6 +128,9 @@ def test_each_variant_changes_what_it_says(tmp_path, no_surfaces):
 def test_coarse_is_a_half_and_both_halves_are_the_default(tmp_path, no_surfaces):
     coarse = tomllib.loads(forehead.write(tmp_path, coarse=True).read_text())
     assert coarse["boundary"]["symmetry"] and coarse["geometry"]["region"][1][0] == 0.0
+    # Long the way that folds run.
+    frown = tomllib.loads(forehead.write(tmp_path, coarse=True, animation="frown").read_text())
+    assert coarse["geometry"]["voxel"] == frown["geometry"]["voxel"][::-1] == [1.0, 0.6, 0.6]
     whole = tomllib.loads(forehead.write(tmp_path).read_text())
     assert "symmetry" not in whole["boundary"] and whole["geometry"]["voxel"] == [0.5] * 3
     assert {m["name"] for m in whole["muscles"]} >= {"corrugator_r", "corrugator_l"}

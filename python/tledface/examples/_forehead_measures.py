@@ -44,7 +44,8 @@ class Measures:
         wavelength: Mean distance of those lines' ridges; NaN with fewer than two on each.
         heights: Least and greatest height of those folds; 0 without folds.
         upright: Upright folds of 0.3 mm and more between the brows beyond the rest shape's, of both
-            sides; of a half model what the whole would have.
+            sides; of a half model what the whole would have. Folds of a raised brow that arch
+            across that line count too.
         upright_height: Greatest height of those; 0 without.
     """
 
@@ -71,7 +72,7 @@ class Measures:
         size = f", {low:.1f} to {high:.1f} mm high" if high > 0.0 else ""
         upright = (
             f"; upright: {self.upright}, up to {1e3 * self.upright_height:.1f} mm high"
-            if self.upright
+            if self.upright and not any(self.folds.values())
             else ""
         )
         return (
