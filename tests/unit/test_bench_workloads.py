@@ -54,6 +54,28 @@ def test_each_workload_is_checked_and_reported(workload, executor):
     assert 0 < row["fill"] <= 1
 
 
+def test_shares_of_the_roofline_follow_from_what_is_reported():
+    """Of a single round, whose medians are its own figures; they are printed with six digits."""
+    row = quick("flat-block", rounds=1, checks=False)
+    n, seconds = row["elements"], 1e-3 * row["ms_per_step"]
+    counted = row["instructions"]
+    assert row["floor_instructions"] == pytest.approx(
+        sum(counted.values()) - counted["shuffled"], rel=1e-4
+    )
+    # In float32 nine numbers of a node and 2 bytes of its mass; 2 of an element, 8 of its muscle.
+    floor = (9 * 4 + 2) * row["nodes"] / n + 2 + 8 * row["muscle_elements"] / n
+    assert row["floor_bytes"] == pytest.approx(floor, rel=1e-4)
+    shares = {
+        "bytes": floor * n / (1e9 * row["axpy_gb_s"]) / seconds,
+        "arithmetic": row["floor_instructions"] * n / (1e9 * row["arithmetic_g_s"]) / seconds,
+    }
+    for bound, share in shares.items():
+        assert row[f"{bound}_fraction"] == pytest.approx(share, rel=1e-4), bound
+    assert row["roofline_fraction"] == pytest.approx(max(shares.values()), rel=1e-4)
+    assert row["melem_steps_per_s"] == pytest.approx(1e-6 * n / seconds, rel=1e-4)
+    assert row["effective_bytes"] == pytest.approx(1e9 * row["copy_gb_s"] * seconds / n, rel=1e-4)
+
+
 def test_bodies_have_the_sizes_of_the_paper():
     """Table II: armadillo 15 107 elements, 19 698 nodes; forehead 503 530, 118 276 sliding."""
     figure = quick("armadillo", elements=None)
