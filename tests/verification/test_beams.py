@@ -1,7 +1,7 @@
 """Slender bodies against beam theory, free vibration, and the order of the time integration.
 
-In float64 and without chance: tolerances are what beam theory and elements differ by, and half of it
-more.
+In float64 and without chance: tolerances are what beam theory and elements differ by, and half of
+that more.
 """
 
 from itertools import pairwise
