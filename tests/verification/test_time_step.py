@@ -246,6 +246,18 @@ def test_auto_dt_follows_a_rising_activation(over):
     assert sim.dt < 0.8 * first
 
 
+def test_an_activation_that_nobody_saw_coming_is_looked_at_before_its_first_step():
+    model = muscle()
+    model.fix(lambda X: X[:, 0] < 1e-9)
+    sim = tf.Simulator(model, damping=500.0, device="native")
+    sim.step(300)  # looks are some hundred steps apart by now
+    relaxed = sim.dt
+    sim.activate("m", 1.0)
+    sim.step(1)
+    assert sim.dt < 0.9 * relaxed
+    assert sim.dt <= sim.dt_crit
+
+
 def test_auto_dt_comes_back_when_the_body_does():
     """Squeezed by 40 % and let go: down in time, and up again to the step of rest, no further."""
     model = tf.Model.block((8, 4, 4), (4e-3, 2e-3, 2e-3), soft(50e3, 0.45))
