@@ -188,6 +188,13 @@ def test_files_hold_the_table_and_its_numbers(small, tmp_path):
     assert len(result["sizes"]["ns_per_element"]) == len(bench_workloads.SIZES)
     text = file.with_suffix(".md").read_text()
     assert f"{result['rows'][0]['elements']:,} | 0 | physical" in text
+    head, _, *shown_rows = (line.split("|")[1:-1] for line in text.splitlines()[2:6])
+    for row, cells in zip(result["rows"], shown_rows, strict=True):
+        cell = {name.strip(): value.strip() for name, value in zip(head, cells, strict=True)}
+        assert cell["of roofline"].startswith(f"{row['roofline_fraction']:.2f} (")
+        nearer = max(("bytes", "arithmetic"), key=lambda bound: row[f"{bound}_fraction"])
+        assert cell["bound by"] == nearer
+        assert cell["M elem-steps/s"] == f"{row['melem_steps_per_s']:.0f}"
     assert all(line in shown.stdout for line in text.splitlines())
 
 
@@ -198,6 +205,7 @@ def test_json_has_what_outside_readers_rely_on(small, monkeypatch):
     shown = CliRunner().invoke(app, ["bench", "--device", "native", "--json"])
     assert shown.exit_code == 0, shown.output
     result = json.loads(shown.stdout)
+    assert result["voxels_save"] == pytest.approx(1.0 / result["ms_per_step"])
     keys = set(KEYS.split()) - ({"thread_ratio"} if _core.thread_count() == 1 else set())
     assert keys <= set(result)
     assert [r["workload"] for r in result["workloads"]] == ["face", "face"] + 2 * ["armadillo"]
