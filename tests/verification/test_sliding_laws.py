@@ -72,6 +72,24 @@ def test_distances_from_a_moving_surface_are_kept(executor, figure, precision):
     )
 
 
+def test_held_components_leave_the_distance_to_a_moving_surface(figure):
+    """The way back is along what is free of a slanted normal: x is held, the ball goes up."""
+    model, lower = slab()
+    surface = ball()
+    kept = model.slide(lower, surface, "jaw", friction=0.1)
+    model.fix(lower, "x")
+    way = np.array([0.0, 1.5e-3, 1e-3])
+    share = tf.ramp(0.0, 1.0, 4e-3, shape="cosine")
+    model.move_surface("jaw", tf.RigidMotion(shift=tuple(way), share=share))
+    sim = tf.Simulator(model, device="native", damping=100.0, precision="double")
+    sim.run(until=5e-3)
+    assert not sim.u[lower, 0].any() and sim.u[lower, 2].min() > 0.5e-3
+    seen = (model.nodes + sim.u)[lower] - way - FAR
+    squares, _ = _core.brute_force_nearest(surface.vertices - FAR, surface.faces, seen)
+    figure("error of the distance over the voxel", abs(np.sqrt(squares) - abs(kept)).max() / H,
+           at_most=1e-6)  # fmt: skip
+
+
 def test_a_jaw_carries_what_sticks_to_it_as_a_rigid_body(executor, figure):
     """High friction: relaxed on the turned surface, the slab has the surface's motion."""
     model, lower = slab()
