@@ -59,7 +59,7 @@ def test_twisting_energy_of_a_plate_one_element_thick():
 
 @pytest.mark.parametrize("component", range(3))
 def test_energy_of_the_xyz_mode_is_the_chosen_one(component):
-    """V E/288 (s/h)^2 of the displacement's sum s: a choice, which no theory of plates bears out."""
+    """V E/288 (s/h)^2 of the displacement's sum s: a choice, for there is no plate to go by."""
     h = np.array([0.5e-3, 0.7e-3, 0.3e-3])
     model = tf.Model.block(cells=(1, 1, 1), size=tuple(h), material=soft(E, NU))
     u = np.zeros((8, 3))
