@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 WhereFaces = NDArray[np.bool_] | Callable[[Floats, Floats], NDArray[np.bool_]]
 
+# A node nearer than this (m) to the surface that it may leave lies on it, on the outer side.
+_ON_SURFACE = 1e-9
+
 
 class ConditionsMixin:
     """Held, prescribed and sliding nodes, body forces, pressures of a model."""
@@ -187,6 +190,9 @@ class ConditionsMixin:
         friction: float = 0.0,
         release: bool = False,
     ) -> None:
+        if release:
+            # Of a node on its surface rounding must not say from which side it is kept.
+            distance = np.where(np.abs(distance) < _ON_SURFACE, 0.0, distance)
         self.sliding = self.sliding.having(
             nodes, distance, ground, friction=friction, release=bool(release)
         )

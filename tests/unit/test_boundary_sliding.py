@@ -62,6 +62,16 @@ def test_nodes_may_be_held_where_they_would_slide(tmp_path):
     assert model.report["boundary"]["rigid_nodes"] == len(sliding)
 
 
+def test_without_a_reach_nodes_up_to_two_voxels_away_slide(tmp_path):
+    """Tissue that ends 2 mm above the bone, some of its voxels before and some behind that."""
+    near, far = (
+        build(tmp_path, boundary={"sliding": sliding}, depth=2.0).sliding.distance
+        for sliding in ({}, {"reach": 4})
+    )
+    assert 1.8e-3 < near.max() <= 2e-3 < far.max()
+    assert len(near) == np.count_nonzero(abs(far) <= 2e-3)
+
+
 @pytest.mark.parametrize("facing", [0.3, 0.6, 0.9])
 def test_only_where_the_bone_faces_the_skin(tmp_path, facing):
     """The bone lies off the skin's centre, so its normal and the way to the skin part."""

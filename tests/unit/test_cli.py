@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import fake_run
+from tledface import bench_workloads
 from tledface.catalogue import Example, shipped
 from tledface.cli import app
 from tledface.errors import InputError, SimulationError
@@ -480,6 +481,51 @@ def test_doctor_and_bench_call_their_modules(call, monkeypatch):
     monkeypatch.setitem(sys.modules, "tledface.bench", SimpleNamespace(main=asked.update))
     assert call("bench", "--device", "native", "--json").exit_code == 0
     assert asked == {"device": "native", "json": True, "quiet": False}
+
+
+def test_the_device_that_is_asked_for_is_the_one_that_works(call, tmp_path, monkeypatch):
+    """A verb that took no notice of --device would run too, on another."""
+    asked = {}
+    done = SimpleNamespace(text=str, to_dict=dict)
+    for verb, does in (
+        ("check", "tledface.check.check_scene"),
+        ("run", "tledface.run.run_scene"),
+        ("resume", "tledface.run.resume_run"),
+    ):
+        monkeypatch.setattr(
+            does, lambda *_, verb=verb, **given: asked.update({verb: given}) or done
+        )
+    scene = fake_run.write_scene(tmp_path)
+    for words in (("check", scene), ("run", scene, "-o", "out"), ("resume", "out")):
+        assert call(*words, "--device", "opencl:3").exit_code == 0
+    assert {verb: given["device"] for verb, given in asked.items()} == dict.fromkeys(
+        ("check", "run", "resume"), "opencl:3"
+    )
+    assert call("resume", "out").exit_code == 0 and asked["resume"]["device"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "workloads", "with_sizes"),
+    [
+        ("--all", (*bench_workloads.QUICK, *bench_workloads.LARGE), False),
+        ("--workload face --workload armadillo", ("face", "armadillo"), False),
+        ("--sizes", (), True),
+        ("--all --sizes", (*bench_workloads.QUICK, *bench_workloads.LARGE), True),
+    ],
+)
+def test_bench_measures_what_it_was_asked_for(call, monkeypatch, words, workloads, with_sizes):
+    asked = {}
+    monkeypatch.setattr(bench_workloads, "main", lambda **given: asked.update(given))
+    result = call("bench", *words.split(), "--device", "opencl:3", "-o", "b.json", "--quiet")
+    assert result.exit_code == 0, result.output
+    assert asked == {
+        "device": "opencl:3",
+        "workloads": workloads,
+        "with_sizes": with_sizes,
+        "output": Path("b.json"),
+        "json": False,
+        "quiet": True,
+    }
 
 
 def test_console_script_error_has_no_traceback(tmp_path):

@@ -178,10 +178,13 @@ def test_a_bad_value_on_the_way_is_named():
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
-def test_what_is_fixed_stays_whatever_velocity_is_given(executor, precision):
+def test_what_is_fixed_stays_whatever_acts_and_velocity_is_given(executor, precision):
     model = block()
     model.fix(lambda X: X[:, 0] < 1e-9)
     model.fix(top, "x")
+    model.gravity = (2.0, -3.0, -9.81)
+    model.body_force(np.ones(192, bool), (500.0, 200.0, -300.0))
+    model.pressure(lambda c, n: abs(n[:, 0]) > 0.5, 30.0)
     sim = tf.Simulator(model, precision=precision, **executor.kwargs)
     sim.set_state(np.zeros_like(model.nodes), np.ones_like(model.nodes))
     sim.step(20)

@@ -323,6 +323,16 @@ def test_a_vertex_outside_a_voxel_is_not_drawn_out_with_it():
     assert little[:3] == pytest.approx(points[:3] + points[:3] @ (0.05 * shear).T)
 
 
+def test_far_from_its_voxel_a_vertex_moves_as_the_place_a_voxel_away_does():
+    model = Model.block((3, 1, 1), (0.03, 0.02, 0.01), SOFT)
+    away = np.array([0.0, 0.4, 1.0, 1.4, 6.0])  # voxels beyond the end
+    points = np.stack([0.03 + 0.01 * away, 0 * away + 0.004, 0 * away + 0.007], axis=1)
+    surface = BoundSurface.on(model, points, np.zeros((0, 3), int))
+    moved = surface.displaced(0.1 * model.nodes) - points
+    expected = 0.1 * np.where(away[:, None] > 1.0, points[2], points)
+    assert moved == pytest.approx(expected, abs=1e-15)
+
+
 def test_a_voxel_that_is_not_finite_harms_only_the_skin_on_it():
     model = Model.block((3, 1, 1), (3, 1, 1), SOFT)
     points = np.random.default_rng(0).uniform([0, -0.5, -0.5], [3, 1.5, 1.5], (300, 3))

@@ -368,6 +368,7 @@ BAD = [
     (["solver", "dt"], "automatic", r'solver\.dt: got \'automatic\'; allowed: "auto"'),
     (["solver", "dt"], "0 s", r"solver\.dt: got '0 s'; allowed: greater than 0"),
     (["solver", "damping"], 200, r"solver\.damping: unit missing"),
+    (["solver", "damping"], "-1 1/s", r"solver\.damping: got '-1 1/s'; allowed: at least 0"),
     (["solver", "hourglass"], "phys", r"solver\.hourglass: got 'phys'; allowed: \"physical\""),
     (["solver", "hourglass_kappa"], 0.1, r"solver\.hourglass_kappa: got 0\.1 with hourglass"),
     (["solver", "mass_scaling"], 0.1, r"solver\.mass_scaling: got 0\.1; allowed: at least 1"),

@@ -57,6 +57,17 @@ def test_twisting_energy_of_a_plate_one_element_thick():
     assert got == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.parametrize("component", range(3))
+def test_energy_of_the_xyz_mode_is_the_chosen_one(component):
+    """V E/288 (s/h)^2 of the displacement's sum s: a choice, for there is no plate to go by."""
+    h = np.array([0.5e-3, 0.7e-3, 0.3e-3])
+    model = tf.Model.block(cells=(1, 1, 1), size=tuple(h), material=soft(E, NU))
+    u = np.zeros((8, 3))
+    u[:, component] = 1e-7 * np.sign(model.nodes - model.nodes.mean(axis=0)).prod(axis=1)
+    _, got = energy(model, u)
+    assert got == pytest.approx(np.prod(h) * E / 288 * (8e-7 / h[component]) ** 2, rel=1e-9)
+
+
 @pytest.mark.parametrize("shape", [(1e-3, 1e-3, 1e-3), (2e-3, 1e-3, 1e-3), (1e-3, 2e-3, 4e-3)])
 def test_forces_turn_with_the_body(executor, shape):
     """Randomly deformed boxes: forces after a rotation are the rotated forces, to round-off."""

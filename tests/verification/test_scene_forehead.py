@@ -289,7 +289,9 @@ def test_the_atlas_corrugators_rise_from_the_bone_into_the_dermis(atlas, tmp_pat
         assert height[origin].min() < 0.5e-3
         assert depth[middle].min() < 1.8e-3 < depth[origin].min(), fat
         if fat > 0.0:
-            figure("atlas: corrugator over the bone, mm", 1e3 * height[middle].min(), 1.7, absolute=0.8)
+            figure(
+                "atlas: corrugator over the bone, mm", 1e3 * height[middle].min(), 1.7, absolute=0.8
+            )
 
 
 def test_an_incomplete_atlas_is_refused(atlas, tmp_path):

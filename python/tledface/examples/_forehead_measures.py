@@ -135,7 +135,7 @@ def _upright(vertices: Floats, faces: NDArray[np.int64], sides: list[float]) -> 
     """Heights of the folds of the level line between the brows that are high enough to count."""
     ends = [np.array([x, 0.0, _LEVEL]) for x in (-_BETWEEN, 0.0, _BETWEEN)]
     halves = [
-        line_profile(vertices, faces, *pair, _SPACING, direction=(0.0, -1.0, 0.0))[1]
+        line_profile(vertices, faces, pair[0], pair[1], _SPACING, direction=(0.0, -1.0, 0.0))[1]
         for side, pair in ((-1.0, ends[:2]), (1.0, ends[:0:-1]))
         if side in sides
     ]
