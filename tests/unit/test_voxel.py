@@ -58,6 +58,14 @@ def test_grid_aligned_box_is_exact():
     assert keys == sorted(keys)
 
 
+@pytest.mark.parametrize(("fill", "layers"), [(0.5, 4), (0.4, 5)])
+def test_a_voxel_is_kept_when_filled_to_its_share(fill, layers):
+    """The topmost of five layers of voxels is filled to 7/16."""
+    surface = solid(box([0, 0, 0], [3, 3, 4 + 7 / 16]))
+    voxels = voxelise(surface, voxel=1.0, samples=16, fill=fill)
+    assert len(voxels.cells) == 9 * layers and voxels.cells[:, 2].max() == layers - 1
+
+
 def test_overlapping_and_self_intersecting_parts_are_joined():
     parts = [box([0, 0, 0], [0.6, 1, 1]), box([0.4, 0, 0], [1, 1, 1])]
     voxels = voxelise(solid(trimesh.util.concatenate(parts)), voxel=0.1)
