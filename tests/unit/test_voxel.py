@@ -58,6 +58,15 @@ def test_grid_aligned_box_is_exact():
     assert keys == sorted(keys)
 
 
+def test_two_muscles_share_a_part_of_a_voxel_equally():
+    """Both fill the lower half of the voxels: a quarter of each, whatever else is in them."""
+    skin = solid(box([0, 0, 0], [2, 2, 1]), "skin")
+    muscles = [solid(box([-1, -1, -1], [3, 3, 0.5]), name) for name in "ab"]
+    voxels = voxelise(skin, voxel=1.0, muscles=muscles)
+    np.testing.assert_allclose(voxels.fractions, np.tile([0.5, 0.25, 0.25], (4, 1)), atol=1e-12)
+    assert voxels.fill == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize(("fill", "layers"), [(0.5, 4), (0.4, 5)])
 def test_a_voxel_is_kept_when_filled_to_its_share(fill, layers):
     """The topmost of five layers of voxels is filled to 7/16."""
