@@ -131,7 +131,8 @@ class ConditionsMixin:
             friction: Coulomb's coefficient, with the force that keeps the distance as the normal
                 one, pull or push.
             release: Whether the nodes may leave the surface (no retaining ligament): they are
-                kept from coming nearer than now, and from nothing else.
+                kept from coming nearer than now, and from nothing else. Those on it are on its
+                outer side.
 
         Returns:
             (n,) m, the distances of the selected nodes in rising order, negative behind the

@@ -159,6 +159,7 @@ def test_flatness_is_of_the_sizes_that_no_cache_holds():
     ]
     found = bench_workloads.flatness(rows)
     assert found["ns_per_element"] == pytest.approx([1.0, 1.2, 1.1])
+    assert found["relative_cost"] == pytest.approx([1 / 0.9, 1 / 0.5, 1 / 0.4])
     assert found["flatness"] == pytest.approx(1.2 / 1.1)
     assert found["relative_flatness"] == pytest.approx(0.5 / 0.4)
     assert bench_workloads.flatness(rows[:2])["flatness"] is None

@@ -229,6 +229,15 @@ def test_folds_and_rise_of_a_rippled_sheet():
     assert all(count in (8, 9) for count in found.folds.values()) and len(found.folds) == 2
     assert found.wavelength == pytest.approx(8e-3, rel=0.03)
     assert 1.7e-3 < found.heights[0] <= found.heights[1] < 2.2e-3
+    # Of the brow's skin the median: some that is drawn far up has no say.
+    drawn = moved.copy()
+    drawn[::7, 2] += 20e-3
+    assert forehead.measure_surfaces(rest, drawn, faces).brow_rise == pytest.approx(5e-3)
+    # The mean of both sides, less halves: folds of one side count half, an odd one of them not.
+    one_side = np.where(rest[:, :1] > 0.0, moved, rest)
+    whole, half = found.folds, forehead.measure_surfaces(rest, one_side, faces).folds
+    assert half == {where: count // 2 for where, count in whole.items()}
+    assert any(count % 2 for count in whole.values())
     # What the shape has at rest does not count, nor what is lower than 1 mm.
     assert set(forehead.measure_surfaces(moved, moved, faces).folds.values()) == {0}
     low = forehead.measure_surfaces(rest, rippled(8.0, 0.8)[0], faces)
