@@ -9,9 +9,11 @@ if(CMAKE_CXX_COMPILER_ID STREQUAL "GNU")
   list(APPEND native_flags -fira-region=all)
 endif()
 # With sanitizers GCC 12 no longer sees that its intrinsics read nothing of the vectors they leave undefined.
-# Where variables are kept is left out: to follow them takes most of a quarter of an hour.
+# Where variables are kept is left out, and what is gained beyond -O1: every load and every sum has its
+# check, so that -O3 takes most of a quarter of an hour a table and -O1 a minute. Rows that count, each
+# number of which is an object, take five minutes even so: they are the same text, and go without.
 if(TLEDFACE_SANITIZE)
-  list(APPEND native_flags -Wno-maybe-uninitialized -g1)
+  list(APPEND native_flags -Wno-maybe-uninitialized -g1 -O1)
 endif()
 
 function(add_native_kernels table instruction_set lanes is_double)
@@ -21,7 +23,11 @@ function(add_native_kernels table instruction_set lanes is_double)
   target_compile_definitions(${target} PRIVATE TLED_TABLE=${table} TLED_LANES=${lanes}
     TLED_DOUBLE=${is_double} TLED_INSTRUCTION_SET="${instruction_set}")
   target_compile_options(${target} PRIVATE ${native_flags} ${ARGN})
-  target_link_libraries(${target} PRIVATE tledface_options)
+  if(table STREQUAL "counted_float")
+    target_compile_options(${target} PRIVATE ${tledface_warnings})
+  else()
+    target_link_libraries(${target} PRIVATE tledface_options)
+  endif()
   set_target_properties(${target} PROPERTIES POSITION_INDEPENDENT_CODE ON)
   target_sources(tledface_core PRIVATE $<TARGET_OBJECTS:${target}>)
 endfunction()

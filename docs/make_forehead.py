@@ -3,12 +3,15 @@
     python docs/make_forehead.py RUNS [--data ATLAS] [--full] [VARIANT ...]
 
 Finished runs in the folder RUNS are kept, unfinished ones go on. By default the coarse half.
+Pictures: `variants.png` of the skin, `variants-stress.png` of the stress under it,
+`variants-stress-cut.png` of the stress in a cut.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +24,13 @@ from tledface.run import resume_run, run_scene
 from tledface.run_checkpoints import any_in
 from tledface.run_frames import RunFrames
 from tledface.scene import Scene
+from tledface.stress_picture import SurfaceStress, cut_stress_panels, skin_stress_panels
 
 VIEW = (-0.4, -0.9, 0.2)
+# Where the scales of stress end, Pa: skin exceeds it in half of the variants, the galea or the
+# muscle in most. An end that none exceeds would leave the folds one colour.
+SKIN_LIMIT, CUT_LIMIT = 0.8e6, 2e6
+CUT = -0.03
 
 
 def finished(folder: Path) -> bool:
@@ -52,6 +60,8 @@ def row(folder: Path, variant: str) -> str:
     apart = f"{1e3 * found.wavelength:.1f}" if np.isfinite(found.wavelength) else "–"
     low, high = (1e3 * height for height in found.heights)
     size = f"{low:.1f}–{high:.1f}" if high > 0.0 else "–"
+    if found.upright and not any(found.folds.values()):
+        folds, size = f"{found.upright} upright", f"to {1e3 * found.upright_height:.1f}"
     return (
         f"| `{variant}` | {1e3 * found.brow_rise:+.1f} | {1e3 * found.root_rise:+.1f} | {folds} | "
         f"{apart} | {size} | {result['steps']:,} of {1e6 * result['dt_s']:.1f} µs | "
@@ -80,6 +90,28 @@ def draw(path: Path, folders: dict[str, Path]) -> None:
     figure.savefig(path)
 
 
+def draw_stress(skin: Path, cut: Path, folders: dict[str, Path]) -> None:
+    """Draw the stress under the skin and in a cut, at rest and at the end of each run."""
+    labels = ["at rest", *folders]
+    surfaces, bodies = [], []
+    for folder in folders.values():
+        frames = RunFrames(folder)
+        pair = (0, frames.at(None))
+        *points, faces = frames.surface(pair)
+        stress, voxels = frames.surface_stress(pair), frames.voxels(pair)
+        # The rest state, without stress, is that of all.
+        first = 0 if not bodies else 1
+        for state in range(first, 2):
+            surfaces.append(SurfaceStress(points[state], faces, stress[state]))
+        bodies.append(replace(voxels, u=voxels.u[first:], stress=voxels.stress[first:]))
+    skin_stress_panels(
+        skin, surfaces, labels=labels, view=VIEW, columns=3, size=(270, 400), limit=SKIN_LIMIT
+    )
+    cut_stress_panels(
+        cut, bodies, "x", CUT, labels=labels, columns=5, size=(220, 470), limit=CUT_LIMIT
+    )
+
+
 def main() -> None:
     """Run, print and draw what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -87,12 +119,14 @@ def main() -> None:
     parser.add_argument("variants", nargs="*", default=list(forehead.VARIANTS))
     parser.add_argument("--data", type=Path)
     parser.add_argument("--full", action="store_true", help="the half at 0.5 mm")
-    given = parser.parse_args()
+    given = parser.parse_intermixed_args()  # variants may stand after options
     folders = {variant: given.runs / variant for variant in given.variants}
     for variant, folder in folders.items():
         run(folder, variant, given.data, given.full)
         print(row(folder, variant), flush=True)
     draw(given.runs / "variants.png", folders)
+    in_skin, in_cut = given.runs / "variants-stress.png", given.runs / "variants-stress-cut.png"
+    draw_stress(in_skin, in_cut, folders)
 
 
 if __name__ == "__main__":

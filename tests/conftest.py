@@ -3,6 +3,7 @@
 import importlib
 import json
 import os
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +41,19 @@ def _executors():
 
 
 EXECUTORS = _executors()
+
+
+@contextmanager
+def file_limit(size):
+    """Let this process write no file longer than that, as `ulimit -f` does."""
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 FIGURES = pytest.StashKey[list]()

@@ -20,7 +20,8 @@ constexpr std::size_t kLine = 64;  // of the cache, and the widest vector
 HostMemory::HostMemory(std::size_t bytes) {
   const std::size_t alignment = bytes < kLargePage ? kLine : kLargePage,
                     whole = (bytes + alignment - 1) / alignment * alignment;
-  data_ = std::aligned_alloc(alignment, whole ? whole : alignment);
+  // Rounded up past the largest number it would be a small array.
+  if (whole >= bytes) data_ = std::aligned_alloc(alignment, whole ? whole : alignment);
   if (!data_)
     throw InputError("not enough memory: an array of " + std::to_string(bytes >> 20) +
                      " MiB could not be had; take larger voxels or a smaller region");

@@ -20,7 +20,7 @@ class HostMemory {
   void* data() const { return data_; }
 
  private:
-  void* data_;
+  void* data_ = nullptr;
 };
 
 }  // namespace tledface

@@ -59,6 +59,10 @@ py::array_t<bool> cap_faces(const Surface& surface) {
 
 py::tuple bind_closest(const Surface& surface, const Array<double>& points_in) {
   const std::vector<Vec3> points = to_points(points_in, "points");
+  // Of what is no place nothing is the closest.
+  for (std::size_t i = 0; i < points.size(); ++i)
+    if (!is_finite(points[i]))
+      throw InputError("points: point " + std::to_string(i) + " is not finite");
   std::vector<double> distance2(points.size());
   std::vector<std::int32_t> face(points.size()), side(points.size());
   std::vector<Vec3> closest(points.size());

@@ -16,6 +16,7 @@
 #include <fstream>
 #include <mutex>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -39,13 +40,19 @@ void pause_cpu() {
 
 class Pool {
  public:
+  // Fewer threads where the system gives no more (a limit of processes or of memory): those that
+  // are there must not be left waiting for a pool that was never finished.
   explicit Pool(std::size_t n_threads) : shares_(n_threads) {
-    for (std::size_t i = 1; i < n_threads; ++i) workers_.emplace_back([this, i] { work(i); });
+    workers_.reserve(n_threads);
+    try {
+      for (std::size_t i = 1; i < n_threads; ++i) workers_.emplace_back([this, i] { work(i); });
+    } catch (const std::system_error&) {
+    }
   }
   void run(std::size_t n_items, const std::function<void(std::size_t)>& body) {
     std::lock_guard<std::mutex> one_region_at_a_time(region_);
     body_ = &body;
-    n_shares_ = std::min(shares_.size(), std::max<std::size_t>(1, thread_limit.load()));
+    n_shares_ = std::min(workers_.size() + 1, std::max<std::size_t>(1, thread_limit.load()));
     for (std::size_t i = 0; i < n_shares_; ++i) {
       shares_[i].next.store(share_begin(n_items, i), std::memory_order_relaxed);
       shares_[i].end = share_begin(n_items, i + 1);
@@ -58,11 +65,14 @@ class Pool {
     }
     if (sleepers_.load(std::memory_order_acquire) > 0) wake_.notify_all();
     take_items(0);
-    for (int spins = 0; busy_.load(std::memory_order_acquire) > 0; ++spins) {
-      if (spins < 4096)
+    // Counted no further than needed: the last item of a worker may take minutes.
+    for (int spins = 0; busy_.load(std::memory_order_acquire) > 0;) {
+      if (spins < 4096) {
+        ++spins;
         pause_cpu();
-      else
+      } else {
         std::this_thread::yield();
+      }
     }
     if (error_) std::rethrow_exception(error_);
   }

@@ -118,6 +118,8 @@ void Simulator::begin_relaxation(const std::vector<double>& node_mass) {
   const Buffer* const u[2] = {u_[0].get(), u_[1].get()};
   relaxation_->gravity->bind(u, *relaxation_->blocks, *relaxation_->node_sets, *step_table_,
                              step_reals_);
+  // Pseudo-steps are of one length, so sliding nodes are due in each, whatever their level.
+  if (sliding_) sliding_->set_has_levels(false);
 }
 
 void Simulator::relax(const std::vector<RelaxationStep>& steps, const StepInput& input) {
@@ -155,6 +157,7 @@ void Simulator::end_relaxation() {
   device_->finish();
   relaxation_.reset();
   bind_masses(*blocks_, *node_sets_);
+  if (sliding_) sliding_->set_has_levels(levels_.n_levels > 1);
   write_reals(*u_[1 - now_], read_slots(*u_[now_]));
   starts_ = true;
 }

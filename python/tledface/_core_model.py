@@ -131,11 +131,19 @@ def is_number(value: Any) -> TypeGuard[float]:
 
 
 def check_number(
-    name: str, value: float, *, least: float, unit: str, exclusive: bool = False
+    name: str,
+    value: float,
+    *,
+    least: float,
+    unit: str,
+    exclusive: bool = False,
+    most: float = math.inf,
 ) -> None:
-    """Raise InputError unless ``value`` is a finite number of at least (or above) ``least``."""
-    if not is_number(value) or value < least or (exclusive and value == least):
+    """Raise InputError unless ``value`` is a number of at least (or above) ``least``."""
+    if not is_number(value) or not least <= value <= most or (exclusive and value == least):
         bound = f"above {least:g}" if exclusive else f"{least:g} or more"
+        if math.isfinite(most):
+            bound = f"from {least:g} to {most:g}"
         raise InputError(f"{name}: got {value!r}; allowed: a number {bound} ({unit})")
 
 

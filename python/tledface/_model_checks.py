@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface.constitutive import Material
-from tledface.errors import InputError
+from tledface.errors import InputError, shown
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,6 +39,18 @@ def unlike(values: Floats, *, shape_fits: bool) -> str:
     return f"{value} at [{place}]{more}, which is not finite"
 
 
+def numbers_of(value: object, *shapes: tuple[int, ...]) -> tuple[Floats, str]:
+    """What a function gave, and why that is refused: "" for finite numbers of one of the shapes."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0), shown(value)
+    fits = array.shape in shapes and not isinstance(value, (str, bytes))
+    if fits and np.isfinite(array).all():
+        return array, ""
+    return array, unlike(array, shape_fits=fits) if array.ndim else shown(value)
+
+
 def floats(what: str, values: ArrayLike) -> Floats:
     """Return a float64 copy."""
     try:
@@ -53,6 +65,40 @@ def vector(what: str, values: ArrayLike) -> Floats:
     if vector.shape != (3,) or not np.isfinite(vector).all():
         raise InputError(f"{what} must be three finite numbers, got {values!r}")
     return vector
+
+
+def checked_points(what: str, vertices: ArrayLike) -> Floats:
+    """Return the vertices of a surface, (n, 3) m."""
+    points = floats(f"{what} vertices", vertices)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{what} vertices: got shape {points.shape}; allowed: (n, 3) metres")
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        raise InputError(
+            f"{what} vertices: vertex {int(np.argmin(finite))} is not finite "
+            f"({np.count_nonzero(~finite)} such of {len(points)}); allowed: finite metres"
+        )
+    return points
+
+
+def checked_faces(
+    what: str, faces: ArrayLike, n_vertices: int, *, none: bool = False
+) -> NDArray[np.integer]:
+    """Return the triangles of a surface, (m, 3) vertices each; ``none``: there may be none."""
+    triangles = np.asarray(faces)
+    fits = triangles.ndim == 2 and triangles.shape[1:] == (3,) and triangles.dtype.kind in "iu"
+    if not fits or not (none or len(triangles)):
+        least = "" if none else ", one at least"
+        raise InputError(
+            f"{what} faces: got shape {triangles.shape} of {triangles.dtype}; allowed: (m, 3) "
+            f"whole numbers of vertices{least}; triangulate other polygons first"
+        )
+    if triangles.size and (triangles.min() < 0 or triangles.max() >= n_vertices):
+        raise InputError(
+            f"{what} faces: got vertices {triangles.min()} to {triangles.max()}; allowed: 0 to "
+            f"{n_vertices - 1}"
+        )
+    return triangles
 
 
 def checked_cells(cells: ArrayLike) -> NDArray[np.int32]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface import _core
+from tledface import _core, units
 from tledface._model_checks import Floats, Mask, floats, show, unlike
 from tledface.conditions import (
     BodyForce,
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from tledface.model import Model, Where
 
 WhereFaces = NDArray[np.bool_] | Callable[[Floats, Floats], NDArray[np.bool_]]
+
+# A node nearer than this (m) to the surface that it may leave lies on it, on the outer side.
+_ON_SURFACE = 1e-9
 
 
 class ConditionsMixin:
@@ -128,7 +131,8 @@ class ConditionsMixin:
             friction: Coulomb's coefficient, with the force that keeps the distance as the normal
                 one, pull or push.
             release: Whether the nodes may leave the surface (no retaining ligament): they are
-                kept from coming nearer than now, and from nothing else.
+                kept from coming nearer than now, and from nothing else. Those on it are on its
+                outer side.
 
         Returns:
             (n,) m, the distances of the selected nodes in rising order, negative behind the
@@ -187,6 +191,9 @@ class ConditionsMixin:
         friction: float = 0.0,
         release: bool = False,
     ) -> None:
+        if release:
+            # Of a node on its surface rounding must not say from which side it is kept.
+            distance = np.where(np.abs(distance) < _ON_SURFACE, 0.0, distance)
         self.sliding = self.sliding.having(
             nodes, distance, ground, friction=friction, release=bool(release)
         )
@@ -223,9 +230,13 @@ class ConditionsMixin:
         fits = values.shape in ((3,), (len(elements), 3))
         if not fits or not np.isfinite(values).all():
             raise InputError(
-                f"body_force: got {unlike(values, shape_fits=fits)}; allowed: finite N/m3 of shape "
-                "(3,), "
-                f"({len(elements)}, 3) for the selected elements or ({self.n_elements}, 3)"
+                f"body_force: got {unlike(values, shape_fits=fits)}; allowed: finite N/m3, (3,) "
+                f"for all of the {len(elements)} selected elements, ({len(elements)}, 3) for each, "
+                f"or ({self.n_elements}, 3) for each of the model"
+            )
+        if np.abs(values).max() > units.MOST:
+            raise InputError(
+                f"body_force: got {np.abs(values).max():g} N/m3; allowed: up to {units.MOST:g} N/m3"
             )
         self.body_forces.append(BodyForce(elements, values))
 
@@ -269,9 +280,10 @@ class ConditionsMixin:
                 f"pressure: where selects none of the {len(faces)} boundary faces; their centres "
                 f"span {show(centres.min(axis=0))} to {show(centres.max(axis=0))} m"
             )
-        if not is_scalar_of_time(value):
+        if not is_scalar_of_time(value) or (isinstance(value, Real) and abs(value) > units.MOST):
             raise InputError(
-                f"pressure: got {value!r}; allowed: Pa as a finite number, or callable(t)"
+                f"pressure: got {value!r}; allowed: Pa as a number up to {units.MOST:g}, or "
+                "callable(t)"
             )
         self.pressures.append(Pressure(faces[mask], value))
 

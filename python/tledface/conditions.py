@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
 from tledface._frame import core_pose
+from tledface._model_checks import numbers_of
 from tledface.errors import InputError
 from tledface.motion import pose_at
 
@@ -65,11 +66,11 @@ class Prescribed:
         """A value for each node, whose reference positions are ``X`` (n, 3), at ``t`` (s)."""
         if not callable(self.value):
             return cast(Floats, self.value)
-        got = _numbers(cast(FieldOfTime, self.value)(t, X.copy()))
-        if got.shape not in ((), (len(X),)) or not np.isfinite(got).all():
+        got, wrong = numbers_of(cast(FieldOfTime, self.value)(t, X.copy()), (), (len(X),))
+        if wrong:
             raise InputError(
-                f"prescribe: component {'xyz'[self.component]}: the callable gave shape "
-                f"{got.shape} at t = {t:g} s; allowed: a finite number or ({len(X)},) of them"
+                f"prescribe: component {'xyz'[self.component]}: the callable gave {wrong}, at "
+                f"t = {t:g} s; allowed: a finite number or ({len(X)},) of them"
             )
         return np.broadcast_to(got, (len(X),))
 
@@ -359,26 +360,15 @@ def _takes_positions(function: Callable[..., Any]) -> bool:
     return len(required) > 1
 
 
-def _finite(value: Any, what: str, t: float) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f"{what}: got {value!r} at t = {t:g} s; allowed: a finite number")
-    return number
+def _finite(value: object, what: str, t: float) -> float:
+    number, wrong = numbers_of(value, (), (1,))
+    if wrong:
+        raise InputError(f"{what}: got {wrong}, at t = {t:g} s; allowed: a finite number")
+    return float(number.reshape(-1)[0])
 
 
-def _numbers(value: Any) -> Floats:
-    """An array; one NaN where the value is none, which is refused as any NaN is."""
-    try:
-        return np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.full(1, np.nan)
-
-
-def _finite_vector(value: ArrayLike, what: str, t: float) -> Floats:
-    vector = _numbers(value)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise InputError(f"{what}: got {value!r} at t = {t:g} s; allowed: three finite numbers")
+def _finite_vector(value: object, what: str, t: float) -> Floats:
+    vector, wrong = numbers_of(value, (3,))
+    if wrong:
+        raise InputError(f"{what}: got {wrong}, at t = {t:g} s; allowed: three finite numbers")
     return vector

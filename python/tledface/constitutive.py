@@ -20,8 +20,6 @@ __all__ = ["Material", "material", "materials", "parse_material"]
 Vector = tuple[float, float, float]
 
 _PRONY_TERMS = 3
-# Single precision holds moduli and densities within these, and their products with cells too.
-_LEAST, _MOST = 1e-15, 1e15
 
 
 @dataclass(frozen=True)
@@ -192,10 +190,10 @@ def _checked(given: Mapping[str, object], *, bare_si: bool) -> Material:
         ("bulk modulus", made.bulk, "Pa"),
         ("density", made.density, "kg/m^3"),
     ):
-        if not _LEAST <= value <= _MOST:
+        if not units.LEAST <= value <= units.MOST:
             raise InputError(
-                f"{key}: got {value:g} {unit} for {law.name}; allowed: {_LEAST:g} to {_MOST:g} "
-                f"{unit}, which single precision holds"
+                f"{key}: got {value:g} {unit} for {law.name}; allowed: {units.LEAST:g} to "
+                f"{units.MOST:g} {unit}, which single precision holds"
             )
     return made
 
@@ -221,9 +219,9 @@ def _read_parameters(law: Law, given: Mapping[str, object], *, bare_si: bool) ->
             values[parameter.name] = parameter.read(given[parameter.name], bare)
         except InputError as error:
             raise InputError(f"{parameter.name}: {error}") from None
-        if parameter.kind == "pressure" and abs(values[parameter.name]) > _MOST:
+        if parameter.kind == "pressure" and abs(values[parameter.name]) > units.MOST:
             raise InputError(
-                f"{parameter.name}: got {given[parameter.name]!r}; allowed: up to {_MOST:g} "
+                f"{parameter.name}: got {given[parameter.name]!r}; allowed: up to {units.MOST:g} "
                 f"{parameter.unit}, which single precision holds"
             )
     return values
@@ -245,11 +243,15 @@ def _read_prony(value: object, law: Law, *, bare_si: bool) -> tuple[tuple[float,
             raise InputError(
                 f"prony: got {pair!r}; allowed: pairs [share, time], as [0.3, '20 ms']"
             )
-        share = units.bounded(
-            units.parse(pair[0], "number", bare=1.0), above=0.0, below=1.0, shown=pair[0], unit=""
-        )
-        time = units.parse(pair[1], "time", bare=1.0 if bare_si else None)
-        result.append((share, units.bounded(time, above=0.0, shown=pair[1], unit="s")))
+        bounds = {"at_least": units.LEAST, "at_most": units.MOST}
+        try:
+            share = units.parse(pair[0], "number")
+            share = units.bounded(share, above=0.0, below=1.0, shown=pair[0])
+            time = units.parse(pair[1], "time", bare=1.0 if bare_si else None)
+            time = units.bounded(time, **bounds, shown=pair[1], unit="s")
+        except InputError as error:
+            raise InputError(f"prony: {error}") from None
+        result.append((share, time))
     if sum(share for share, _ in result) >= 1.0:
         raise InputError("prony: the shares add up to 1 or more; allowed: less than 1")
     return tuple(result)
@@ -266,8 +268,16 @@ def _read_pretension(value: object, *, bare_si: bool) -> Pretension | None:
         )
     bare = 1.0 if bare_si else None
     try:
-        along = units.parse(value["along"], "pressure", bare=bare)
-        across = units.parse(value.get("across", 0.0), "pressure", bare=bare)
+        along, across = (
+            units.bounded(
+                units.parse(given, "pressure", bare=bare),
+                at_least=-units.MOST,
+                at_most=units.MOST,
+                shown=given,
+                unit="Pa",
+            )
+            for given in (value["along"], value.get("across", 0.0))
+        )
     except InputError as error:
         raise InputError(f"pretension: {error}") from None
     if "line" not in value or "normal" not in value:

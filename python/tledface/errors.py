@@ -2,4 +2,15 @@
 
 from tledface._core import InputError, SimulationError
 
-__all__ = ["InputError", "SimulationError"]
+__all__ = ["InputError", "SimulationError", "shown"]
+
+_LONGEST = 60
+
+
+def shown(value: object) -> str:
+    """A value that was got, for a message: one line, not a long one."""
+    shape = getattr(value, "shape", ())
+    if shape:
+        return f"an array of shape {shape}"
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."

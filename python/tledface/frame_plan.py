@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import TYPE_CHECKING
 
 from tledface.errors import InputError
-from tledface.io.vtkhdf import frame_bytes
+from tledface.io.vtkhdf import file_bytes, frame_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,6 +40,14 @@ def require_room(
     frames = _frames(scene, sim)
     each = frame_bytes(sim.model, surface)
     if frames <= _MOST_FRAMES and frames * each <= free:
+        longest, limit = file_bytes(sim.model, surface, frames), _file_limit()
+        if longest > limit:
+            raise InputError(
+                f"{scene.path or 'scene'}: output.fps, solver.duration: got {frames:,.0f} frames "
+                f"in a file of {longest / 1e6:.3g} MB; allowed by the limit of file sizes: "
+                f"{limit / 1e6:.3g} MB; raise it (ulimit -f), or lower output.fps or "
+                "solver.duration"
+            )
         return
     count = f"{frames:,.0f}" if frames < 1e12 else f"{frames:.3g}"
     if frames > _MOST_FRAMES:
@@ -56,6 +65,16 @@ def require_room(
 def reserved_frames(scene: Scene, sim: Simulator) -> int:
     """Number of frames to reserve space for."""
     return math.ceil(_frames(scene, sim, _SHORTER))
+
+
+def _file_limit() -> float:
+    """Bytes that this process may have in a file."""
+    if sys.platform == "win32":
+        return math.inf
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
 def _frames(scene: Scene, sim: Simulator, shorter: float = 1.0) -> float:

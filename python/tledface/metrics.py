@@ -15,14 +15,24 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface._model_checks import vector
+from tledface._model_checks import checked_faces, checked_points, vector
 from tledface.errors import InputError
 from tledface.raster import rasterise, view_axes
 
-__all__ = ["HeightMap", "WrinkleMetrics", "detail", "height_map", "line_profile", "wrinkles"]
+__all__ = [
+    "MIN_PROMINENCE",
+    "HeightMap",
+    "WrinkleMetrics",
+    "detail",
+    "height_map",
+    "line_profile",
+    "wrinkles",
+]
 
 Floats = NDArray[np.float64]
 
+# m; lower ridges are the grain of a surface's triangles.
+MIN_PROMINENCE = 5e-5
 _MIN_SAMPLES = 7
 # m; wrinkles of skin are closer together, the features of a face further apart.
 _SHAPE_WAVELENGTH = 0.02
@@ -86,7 +96,7 @@ def wrinkles(
     spacing: float,
     *,
     shape_wavelength: float | None = None,
-    min_prominence: float = 5e-5,
+    min_prominence: float = MIN_PROMINENCE,
     relative_prominence: float = 0.2,
 ) -> WrinkleMetrics:
     """Count and measure the folds of a line or a patch.
@@ -172,7 +182,8 @@ def height_map(
         InputError: no faces or of vertices that are not there, a spacing that is not positive or
             gives over 10^8 samples, or ``up`` parallel to ``direction``.
     """
-    points, triangles = _checked_surface(vertices, faces)
+    points = checked_points("height map", vertices)
+    triangles = checked_faces("height map", faces, len(points))
     axes = view_axes(direction, up)
     seen = points @ axes.T
     used = seen[np.unique(triangles)]
@@ -216,7 +227,8 @@ def line_profile(
 
     Exact: triangles are cut by the plane of the line and the heights.
     """
-    points, triangles = _checked_surface(vertices, faces)
+    points = checked_points("line profile", vertices)
+    triangles = checked_faces("line profile", faces, len(points))
     first = vector("line profile: start", start)
     last = vector("line profile: end", end)
     upward = vector("line profile: direction", direction)
@@ -300,22 +312,6 @@ def _detail(line: Floats, window: float) -> Floats:
     kernels, fit = _local_fit(len(line), window)
     shape = sum(fit[:, power] * _about(level, kernel) for power, kernel in enumerate(kernels))
     return np.asarray(level - shape)
-
-
-def _checked_surface(vertices: ArrayLike, faces: ArrayLike) -> tuple[Floats, NDArray[np.integer]]:
-    points, triangles = np.asarray(vertices, dtype=np.float64), np.asarray(faces)
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
-        raise InputError(f"surface: vertices of shape {points.shape} must be (nv, 3) and finite")
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
-        raise InputError(f"surface: faces have shape {triangles.shape}, need (nf, 3), nf above 0")
-    if not np.issubdtype(triangles.dtype, np.integer):
-        raise InputError(f"surface: faces are {triangles.dtype}, need whole numbers of vertices")
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise InputError(
-            f"surface: faces name vertices {triangles.min()} to {triangles.max()}; allowed: 0 to "
-            f"{len(points) - 1}"
-        )
-    return points, triangles
 
 
 def _longest_finite(line: Floats) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tledface import units
 from tledface._model_checks import (
     Floats,
     Mask,
@@ -46,6 +47,9 @@ if TYPE_CHECKING:
 __all__ = ["Model", "Where"]
 
 Where = NDArray[np.bool_] | Callable[[Floats], NDArray[np.bool_]]
+
+# m; volumes of voxels within keep to single precision.
+_VOXELS = (1e-9, 1e6)
 
 
 class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
@@ -93,8 +97,11 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
     ) -> None:
         """Check and hold the arrays; see `from_voxels` for the arguments."""
         self.voxel = vector("voxel", voxel)
-        if not (self.voxel > 0.0).all():
-            raise InputError(f"voxel: got {show(self.voxel)} m, every edge must be above 0")
+        least, most = _VOXELS
+        if not ((self.voxel >= least) & (self.voxel <= most)).all():
+            raise InputError(
+                f"voxel: got {show(self.voxel)} m; allowed: edges of {least:g} to {most:g} m"
+            )
         self.origin = vector("origin", origin)
         self.cells = checked_cells(cells)
         self.node_ijk, self.elements = number_nodes(self.cells)
@@ -322,7 +329,12 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
 
     @gravity.setter
     def gravity(self, value: ArrayLike) -> None:
-        self._gravity = vector("gravity", value)
+        gravity = vector("gravity", value)
+        if np.abs(gravity).max() > units.MOST:
+            raise InputError(
+                f"gravity: got {show(gravity)} m/s2; allowed: up to {units.MOST:g} m/s2"
+            )
+        self._gravity = gravity
 
     @property
     def surfaces(self) -> dict[str, BoundSurface]:
@@ -350,10 +362,10 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
             name: Distinct name, used to activate the muscle.
             where: (n_elem,) bool, or a function of the centres (n_elem, 3) that returns it.
             fibre: (3,), (m, 3) for the m selected elements, or (n_elem, 3); any length above 0.
-            sigma_act: Reference stress of the active tension, Pa, at least 0.
+            sigma_act: Reference stress of the active tension, Pa, 0 to 1e15.
             sigma_pas: Reference stress of the passive tension, Pa; None: ``sigma_act``.
-            lambda_opt: Stretch of the greatest active tension, above 0.
-            lambda_pas: Stretch where the passive tension becomes linear, at least 1.
+            lambda_opt: Stretch of the greatest active tension, 0.1 to 10.
+            lambda_pas: Stretch where the passive tension becomes linear, 1 to 10.
             weight: Overlap fraction, 0 to 1: a number, (m,) or (n_elem,).
             law: ``"tension_length"``, ``"tension_length_printed"`` (the paper's passive law with
                 its jump at ``lambda_pas``) or ``"calcium"`` (activation is the calcium level,
@@ -377,15 +389,20 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
             )
         if sigma_pas is None:
             sigma_pas = 0.0 if law == "calcium" else sigma_act
-        for key, value, low in (
-            ("sigma_act", sigma_act, 0.0),
-            ("sigma_pas", sigma_pas, 0.0),
-            ("lambda_opt", lambda_opt, np.nextafter(0.0, 1.0)),
-            ("lambda_pas", lambda_pas, 1.0),
+        shortest, longest = units.STRETCHES
+        for key, value, low, high in (
+            ("sigma_act", sigma_act, 0.0, units.MOST),
+            ("sigma_pas", sigma_pas, 0.0, units.MOST),
+            ("lambda_opt", lambda_opt, shortest, longest),
+            ("lambda_pas", lambda_pas, 1.0, longest),
         ):
-            if not isinstance(value, Real) or not low <= float(value) < np.inf:
-                limit = "above 0" if key == "lambda_opt" else f"at least {low:g}"
-                raise InputError(f"muscle {name!r}: {key} must be {limit}, got {value!r}")
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            if not number or not low <= float(value) <= high:
+                unit = " Pa" if key.startswith("sigma") else ""
+                raise InputError(
+                    f"muscle {name!r}: {key}: got {value!r}; allowed: a number from {low:g} to "
+                    f"{high:g}{unit}"
+                )
         muscle = Muscle(
             name=name,
             elements=np.flatnonzero(mask),

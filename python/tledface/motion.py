@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface._model_checks import floats, unlike
+from tledface._model_checks import numbers_of
 from tledface.errors import InputError
 from tledface.schedule import Constant, Keyframes, Ramp, Schedule, as_schedule
 
@@ -98,12 +98,10 @@ def checked_motion(motion: object, what: str) -> Motion:
 
 def pose_at(motion: Motion, t: float, what: str) -> Floats:
     """The pose (3, 4) at time ``t`` (s); raises InputError for what is no rigid motion."""
-    pose = floats(f"{what}: the pose", motion(t))
-    fits = pose.shape in ((3, 4), (4, 4))
-    if not fits or not np.isfinite(pose).all():
+    pose, wrong = numbers_of(motion(t), (3, 4), (4, 4))
+    if wrong:
         raise InputError(
-            f"{what}: got {unlike(pose, shape_fits=fits)}, at t = {t:g} s; allowed: a finite pose "
-            "of shape (3, 4) or (4, 4)"
+            f"{what}: got {wrong}, at t = {t:g} s; allowed: a finite pose of shape (3, 4) or (4, 4)"
         )
     pose = pose[:3]
     rotation = pose[:, :3]

@@ -13,10 +13,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from tledface._model_checks import show
+from tledface._model_checks import checked_faces, checked_points, show
 from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
-from tledface.metrics import detail, line_profile, wrinkles
+from tledface.metrics import MIN_PROMINENCE, detail, line_profile, wrinkles
 from tledface.shading import Camera, View, camera_on, shade
 
 __all__ = ["checked_surface", "render_surface", "round_length", "scale_bar", "wrinkle_picture"]
@@ -40,6 +40,7 @@ def wrinkle_picture(
     up: ArrayLike = (0.0, 0.0, 1.0),
     title: str | None = None,
     profile: Line | bool = True,
+    min_prominence: float = MIN_PROMINENCE,
 ) -> Path:
     """Write a PNG of a surface at rest and deformed, in one scale, and a profile across it.
 
@@ -56,6 +57,8 @@ def wrinkle_picture(
         profile: Two points of a line; the profile is cut above it, along ``up`` for the named
             views, else along the view. True: through the middle, across the folds. False: none,
             for bodies that have no folds.
+        min_prominence: m, what stands out less in the profile is not counted as a fold; see
+            `tledface.metrics.wrinkles`.
 
     Returns:
         The path.
@@ -91,7 +94,7 @@ def wrinkle_picture(
     if line:
         _mark_line(axes, deformed, triangles, camera, line)
         below_panels = figure.add_axes((0.06, 0.62 / height, 0.91, 2.15 / height))
-        _draw_profile(below_panels, (rest, deformed), triangles, camera, line)
+        _draw_profile(below_panels, (rest, deformed), triangles, camera, line, min_prominence)
     if title:
         figure.text(
             0.02, 1.0 - 0.16 / height, title, color=_INK, fontsize=19, weight="bold", va="top"
@@ -133,21 +136,14 @@ def checked_surface(
     rest_vertices: ArrayLike, vertices: ArrayLike, faces: ArrayLike
 ) -> tuple[Floats, Floats, NDArray[np.integer]]:
     """The arrays of a picture as they are drawn; InputError for wrong shapes or numbers."""
-    rest = np.asarray(rest_vertices, dtype=np.float64)
-    deformed = np.asarray(vertices, dtype=np.float64)
-    triangles = np.asarray(faces)
-    if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles):
-        raise InputError(f"picture: faces have shape {triangles.shape}, need (nf, 3), nf above 0")
-    for name, points in (("rest vertices", rest), ("vertices", deformed)):
-        if points.ndim != 2 or points.shape[1] != 3 or points.shape != rest.shape:
-            raise InputError(
-                f"picture: {name} have shape {points.shape}, need (nv, 3), rest and deformed alike"
-            )
-        if not np.isfinite(points).all():
-            raise InputError(f"picture: {name} are not all finite; the simulation has failed")
-    if triangles.min() < 0 or triangles.max() >= len(rest):
-        raise InputError(f"picture: faces name vertex {triangles.max()} of {len(rest)}")
-    return rest, deformed, triangles
+    rest = checked_points("picture", rest_vertices)
+    deformed = checked_points("picture", vertices)
+    if deformed.shape != rest.shape:
+        raise InputError(
+            f"picture vertices: got {len(rest)} at rest and {len(deformed)} deformed; allowed: as "
+            "many of both"
+        )
+    return rest, deformed, checked_faces("picture", faces, len(rest))
 
 
 def _line_across_folds(
@@ -218,6 +214,7 @@ def _draw_profile(
     faces: NDArray[np.integer],
     camera: Camera,
     line: Line,
+    min_prominence: float,
 ) -> None:
     (distance, rest), (_, deformed) = (_profile(p, faces, line, camera) for p in states)
     ends = [show(np.asarray(end, dtype=np.float64)) for end in line]
@@ -228,7 +225,7 @@ def _draw_profile(
                 "allowed: two points with the surface between them, seen by the viewer"
             )
     spacing = float(distance[1])
-    metrics = wrinkles(deformed, spacing)
+    metrics = wrinkles(deformed, spacing, min_prominence=min_prominence)
     label = "height, mm"
     if np.nanmax(rest) - np.nanmin(rest) > _GREATEST_RISE:
         # The shape of a face would hide its folds.
@@ -247,7 +244,7 @@ def _draw_profile(
     axes.tick_params(colors=_INK, labelsize=11)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    folds = f"{metrics.count} fold" + ("" if metrics.count == 1 else "s")
+    folds = f"{metrics.count or 'no'} fold" + ("" if metrics.count == 1 else "s")
     if metrics.count > 1:
         folds += f", {1e3 * metrics.wavelength:.1f} mm apart"
     if metrics.count:

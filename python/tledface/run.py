@@ -6,6 +6,7 @@ the same state and frames, bit for bit on the same device.
 
 from __future__ import annotations
 
+import errno
 import math
 import time
 import warnings
@@ -22,6 +23,7 @@ from tledface import device as device_module
 from tledface.errors import InputError, SimulationError
 from tledface.frame_plan import require_room, reserved_frames
 from tledface.frame_queue import FrameQueue
+from tledface.io._atomic import NO_ROOM
 from tledface.io.surfaces import write_surface
 from tledface.io.vtkhdf import VTKHDFWriter
 from tledface.output import OutputFolder, earlier_run
@@ -41,7 +43,9 @@ __all__ = [
     "RunResult",
     "load_run",
     "load_scene",
+    "prepared",
     "resume_run",
+    "run_prepared",
     "run_scene",
     "save_built",
     "shown_surface",
@@ -78,20 +82,43 @@ def run_scene(
     finite).
     """
     folder = OutputFolder(out_dir, force=force)
-    opened = device_module.resolve(device)
+    sim = prepared(scene, folder, device_module.resolve(device), quiet=quiet, model=model)
+    with folder.held():
+        return run_prepared(scene, sim, folder, about, quiet=quiet)
+
+
+def prepared(
+    scene: Scene, folder: OutputFolder, device: Any, *, quiet: bool, model: Model | None = None
+) -> Simulator:
+    """The simulator of a scene that is to run into a folder, in which nothing changes yet.
+
+    Raises InputError: all that a run may be refused for, room for its frames included.
+    """
     if model is None:
         with spinner("building the model", quiet=quiet):
             model = scene.build()
     with spinner("preparing the simulation", quiet=quiet):
-        sim = simulator_of(scene, model, opened)
+        sim = simulator_of(scene, model, device)
     require_room(scene, sim, shown_surface(model), folder.path, folder.free())
+    return sim
+
+
+def run_prepared(
+    scene: Scene,
+    sim: Simulator,
+    folder: OutputFolder,
+    about: Mapping[str, Any] | None = None,
+    *,
+    quiet: bool,
+) -> RunResult:
+    """Run a simulator of `prepared` into a folder that this process holds."""
     facts: dict[str, Any] = {**(about or {}), "scene": str(scene.path) if scene.path else None}
-    parts = ["frames.part.vtkhdf", "frames_surface.part.vtkhdf"]
-    work = partial(_simulate, scene, sim, folder.path, opened.info.name, quiet=quiet)
-    with folder.held():
-        folder.begin(facts, files=[*(x.name for x in _files(folder.path, model).values()), *parts])
-        remove_from(folder.path)
-        return _recorded(work, sim, folder, facts)
+    files = [path.name for path in _files(folder.path, sim.model).values()]
+    folder.begin(facts, files=[*files, "frames.part.vtkhdf", "frames_surface.part.vtkhdf"])
+    remove_from(folder.path)
+    name = sim._device.info.name
+    work = partial(_simulate, scene, sim, folder.path, name, quiet=quiet)
+    return _recorded(work, sim, folder, facts)
 
 
 def resume_run(directory: str | Path, *, device: Any = None, quiet: bool = False) -> RunResult:
@@ -160,6 +187,8 @@ def _recorded(
             raise KeyboardInterrupt(_interrupted(sim, folder.path, kept)) from error
         if isinstance(error, SimulationError) and kept:
             raise SimulationError(f"{line}; the frames until then are in {folder.path}") from error
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            raise OSError(error.errno, _no_room(error, folder.path), error.filename) from error
         raise
     names = [path.name for path in result.files.values()]
     folder.write({**facts, "state": "finished", "files": names, "result": result.to_dict()})
@@ -172,6 +201,14 @@ def _interrupted(sim: Simulator, folder: Path, kept: list[str]) -> str:
     go_on = f"`tledface resume {folder}` goes on" if any_in(folder) else "there is no checkpoint"
     frames = f"frames are in {folder}" if kept else f"no frames in {folder}"
     return f"interrupted at t = {sim.playback_time:.6g} s; {frames}; {go_on}"
+
+
+def _no_room(error: OSError, folder: Path) -> str:
+    """What to do about a disk that is full, or a limit of file sizes."""
+    limited = error.errno == errno.EFBIG
+    first = "raise the limit of file sizes (ulimit -f)" if limited else "make room"
+    again = f"`tledface resume {folder}` goes on" if any_in(folder) else "run it again with --force"
+    return f"{error.strerror}; {first}, then {again}"
 
 
 def simulator_of(scene: Scene, model: Model, device: Any) -> Simulator:
@@ -221,13 +258,12 @@ def save_built(scene: Scene, model: Model, path: str | Path) -> None:
     """Save a model together with the scene it came from, so that ``load_run`` can run it."""
     import json
 
-    import h5py
-
     from tledface.io._atomic import atomic_path
+    from tledface.io._hdf5 import opened
 
     with atomic_path(Path(path), "model file") as part:
         model.save(part)
-        with h5py.File(part, "a") as file:
+        with opened(part, "r+") as file:
             file["scene"] = json.dumps(scene.source)
 
 
@@ -435,7 +471,7 @@ def _write_results(
         write_surface(files[role], other.displaced(u), other.polygons)
     view: dict[str, Any] = {"profile": False}
     if folds is not None:
-        view = {"profile": folds.line}
+        view = {"profile": folds.line, "min_prominence": folds.min_prominence}
         if abs(folds.up[2]) < 0.9:
             # A body seen from straight before its muscle, head up.
             view |= {"view": folds.up, "up": (0.0, 0.0, 1.0)}

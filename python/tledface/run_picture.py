@@ -10,6 +10,7 @@ import numpy as np
 
 from tledface.errors import InputError
 from tledface.io._atomic import check_folder
+from tledface.metrics import MIN_PROMINENCE
 from tledface.output import earlier_run
 from tledface.picture import wrinkle_picture
 from tledface.run_frames import RunFrames
@@ -72,8 +73,11 @@ def run_pictures(
     rest, moved, faces = frames.surface(pair)
     if not stress:
         _make(folder)
+        least = (found or {}).get("min_prominence_m", MIN_PROMINENCE)  # older runs have none
         return [
-            wrinkle_picture(folder / f"{name}.png", rest, moved, faces, **options)
+            wrinkle_picture(
+                folder / f"{name}.png", rest, moved, faces, min_prominence=least, **options
+            )
             for name, options in chosen
         ]
     on_skin, voxels = frames.surface_stress(pair), frames.voxels(pair)

@@ -14,7 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface.errors import InputError
+from tledface.errors import InputError, shown
 
 __all__ = ["Constant", "Function", "Keyframes", "Ramp", "Schedule", "as_schedule", "ramp"]
 
@@ -150,7 +150,7 @@ class Function:
             value = math.nan
         if not -_ROUND_OFF <= value <= 1.0 + _ROUND_OFF:
             raise InputError(
-                f"activation: the callable gave {got!r} at t = {t:g} s; "
+                f"activation: the callable gave {shown(got)} at t = {t:g} s; "
                 "allowed: a number from 0 to 1"
             )
         return value

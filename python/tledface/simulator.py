@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface import _core
+from tledface import _core, units
 from tledface import device as device_module
 from tledface._core_model import (
     check_number,
@@ -119,7 +119,7 @@ class Simulator(Results):
                 f"Simulator: got {model!r} as model; allowed: a tledface.Model, as "
                 "tf.Scene.load(...).build() gives"
             )
-        check_number("damping", damping, least=0.0, unit="1/s")
+        check_number("damping", damping, least=0.0, unit="1/s", most=units.MOST)
         if hourglass_kappa is None:
             kappa = _KAPPA
         elif hourglass == "physical":
@@ -128,7 +128,9 @@ class Simulator(Results):
                 'none; allowed: leave it out, or hourglass = "joldes"'
             )
         else:
-            check_number("hourglass_kappa", hourglass_kappa, least=0.0, unit="no unit")
+            check_number(
+                "hourglass_kappa", hourglass_kappa, least=0.0, unit="no unit", most=units.MOST
+            )
             kappa = float(hourglass_kappa)
         if not isinstance(dt, str):
             check_number("dt", dt, least=0.0, unit="s", exclusive=True)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tledface import _core
+from tledface._model_checks import checked_faces, checked_points
 from tledface.errors import InputError
 from tledface.polygons import Polygons
 
@@ -127,22 +128,13 @@ class BoundSurface:
 
         Example: ``model.surfaces["mask"] = BoundSurface.on(model, mesh.vertices, mesh.faces)``.
         """
-        points = _checked_points(vertices)
+        points = checked_points("surface", vertices)
         if isinstance(faces, Polygons):
             faces.check(len(points), "surface faces")
-            polygons, triangles = faces, np.asarray(faces.triangles())
+            polygons, given = faces, np.asarray(faces.triangles())
         else:
-            polygons, triangles = None, np.asarray(faces)
-        if triangles.ndim != 2 or triangles.shape[1:] != (3,) or triangles.dtype.kind not in "iu":
-            raise InputError(
-                f"surface faces: got shape {triangles.shape} of {triangles.dtype}, need (n, 3) "
-                "integers; triangulate the surface first"
-            )
-        if triangles.size and (triangles.min() < 0 or triangles.max() >= len(points)):
-            raise InputError(
-                f"surface faces: vertex index {triangles.min()} to {triangles.max()} found, "
-                f"allowed 0 to {len(points) - 1}"
-            )
+            polygons, given = None, np.asarray(faces)
+        triangles = checked_faces("surface", given, len(points), none=True)
         element, local, distance = bind(points, model)
         follow = None if reach is None else _follow(distance, reach, fade)
         if follow is not None and (follow == 1.0).all():
@@ -301,7 +293,7 @@ def bind(
 
     A branch and bound over an octree of the occupied voxels, exact at any distance.
     """
-    points = _checked_points(vertices)
+    points = checked_points("surface", vertices)
     if model.is_conforming:
         raise InputError(
             "bind: surfaces can be bound to voxel models only; a conforming mesh carries its own "
@@ -366,19 +358,6 @@ def _mesh_boundary_codes(elements: NDArray[np.int32]) -> NDArray[np.int64]:
     _, inverse, count = np.unique(nodes, axis=0, return_inverse=True, return_counts=True)
     outer: NDArray[np.int64] = quads[count[inverse.reshape(-1)] == 1]
     return outer
-
-
-def _checked_points(vertices: ArrayLike) -> NDArray[np.float64]:
-    points = np.asarray(vertices, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"surface vertices: got shape {points.shape}, need (n, 3)")
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
-        raise InputError(
-            f"surface vertices: vertex {int(np.argmin(finite))} is not finite "
-            f"({np.count_nonzero(~finite)} such of {len(points)}); repair the mesh"
-        )
-    return points
 
 
 def _pack(cells: NDArray[np.int64], extent: NDArray[np.int64]) -> NDArray[np.int64]:

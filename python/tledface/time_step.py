@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tledface import _core
+from tledface import _core, units
 from tledface.errors import InputError
 from tledface.subcycling import SUBSTEPS, choose_substeps
 
@@ -289,10 +289,11 @@ def checked_scaling(scaling: Any) -> float | dict[str, float] | None:
         return None
     if isinstance(scaling, Mapping) and set(scaling) == {"dt"} and _is_positive(scaling["dt"]):
         return {"dt": float(scaling["dt"])}
-    if _is_positive(scaling) and scaling >= 1.0:
+    if _is_positive(scaling) and 1.0 <= scaling <= units.MOST:
         return float(scaling)
     raise InputError(
-        f"mass_scaling: got {scaling!r}; allowed: a factor of 1 or more, or {{'dt': seconds}}"
+        f"mass_scaling: got {scaling!r}; allowed: a factor of 1 to {units.MOST:g}, or "
+        "{'dt': seconds}"
     )
 
 

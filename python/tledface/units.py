@@ -16,7 +16,12 @@ from dataclasses import dataclass
 
 from tledface.errors import InputError
 
-__all__ = ["KINDS", "Kind", "bounded", "parse", "unit_scale"]
+__all__ = ["KINDS", "LEAST", "MOST", "STRETCHES", "Kind", "bounded", "parse", "unit_scale"]
+
+# SI numbers that single precision holds, and their products with cells too.
+LEAST, MOST = 1e-15, 1e15
+# Of fibres; no tissue is beyond.
+STRETCHES = (0.1, 10.0)
 
 
 @dataclass(frozen=True)

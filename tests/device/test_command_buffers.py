@@ -1,6 +1,7 @@
 """Runs of steps replayed as command buffers: the bits of launches one by one, whatever changes."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -173,3 +174,28 @@ def test_gpus_are_timed_and_cpus_are_not(monkeypatch):
     monkeypatch.setenv(VARIABLE, "yes")
     with pytest.raises(tf.InputError, match=r"TLEDFACE_COMMAND_BUFFERS: got 'yes'; allowed: 0 or"):
         tuned("cpu")
+
+
+def test_another_thread_launches_while_one_records(monkeypatch, able):
+    """Simulators that share a device: what one launches is no part of what another records."""
+    monkeypatch.setenv(VARIABLE, "1")
+    options = {**able.kwargs, "device": resolve(able.device)}
+    model = tf.Model.block((6, 5, 4), (3e-3, 2.5e-3, 2e-3), soft(20e3, 0.45))
+    start = np.random.default_rng(1).normal(size=(model.n_nodes, 3))
+
+    def stepped(sim):
+        sim.set_state(0.0 * start, 0.05 * start)
+        sim.step(320)
+        return sim._core.raw_state()["u"]
+
+    def make():
+        sim = tf.Simulator(model, dt=2e-6, **options)
+        assert sim._core.records
+        return sim
+
+    expected = stepped(make())
+    for _ in range(4):
+        sims = [make() for _ in range(4)]
+        with ThreadPoolExecutor(len(sims)) as pool:
+            results = list(pool.map(stepped, sims))
+        assert all(np.array_equal(expected, got) for got in results)

@@ -91,6 +91,7 @@ class FakeSimulator:
     def __init__(self, model, **options):
         self.model, self.options = model, options
         self.n_steps, self.schedules = 0, {}
+        self._device = options.get("device")
         FakeSimulator.made.append(self)
 
     @property

@@ -75,7 +75,9 @@ def test_one_slow_turn_does_not_decide(device):
     assert choose(device, Clock(9.0, 3.0, 3.0, *([2.0, 3.0, 3.0] * 4))) == GATHER
 
 
-@pytest.mark.parametrize("other", [{"precision": "double"}, {"hourglass": "joldes"}, {}])
+@pytest.mark.parametrize(
+    "other", [{"precision": "double"}, {"hourglass": "joldes"}, {"cells": (4, 4, 8)}, {}]
+)
 def test_each_kind_of_run_has_its_own(device, monkeypatch, other):
     assert choose(device, Clock(1.0, 2.0, 2.0)) == GATHER
     if not other:  # another version of tledface, then

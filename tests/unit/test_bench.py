@@ -46,6 +46,14 @@ def test_both_arrangements_compute_the_same_block(executor):
     assert len({round(s[0], 3) for s in by_law[0]}) == 4
 
 
+def test_rates_of_a_measurement_follow_from_its_time():
+    result = bench.measure(bench.flat_block((20, 10, 9)), "native")
+    n, seconds = 20 * 10 * 9, 1e-3 * result["ms_per_step"]
+    assert result["elements"] == n and result["bitwise_repeatable"]
+    assert result["melem_steps_per_s"] == pytest.approx(1e-6 * n / seconds)
+    assert result["effective_bytes"] == pytest.approx(1e9 * result["copy_gb_s"] * seconds / n)
+
+
 def test_measure_laws_reports_rates_and_their_ratio():
     result = bench.measure_laws(4, "native", cells=CELLS)
     assert result["laws"] == [

@@ -1,4 +1,4 @@
-"""The table of scenes beside the seed's: what is measured, what is left out, and its files."""
+"""The table of scenes beside the paper's: what is measured, what is left out, and its files."""
 
 import json
 from pathlib import Path
@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import tledface as tf
+from conftest import REPOSITORY
 from tledface import bench_scenes
 from tledface.cli import app
 from tledface.device import resolve
@@ -57,7 +58,7 @@ def test_every_device_goes_on_from_one_contracted_state(quick, scene, executor, 
     assert results[0]["kernels"] == "rows"
 
 
-def test_rows_carry_the_seed_s_figures_and_files_hold_both(quick, tmp_path, monkeypatch):
+def test_rows_carry_the_paper_s_figures_and_files_hold_both(quick, tmp_path, monkeypatch):
     scenes = (("flat-block", "reference"), ("flat-block", "thin"), ("armadillo-of-mine", "x"))
     monkeypatch.setattr(bench_scenes, "SCENES", scenes)
     small = {"width": 6.0, "voxel": 1.5, "triangle": 3.0}
@@ -73,7 +74,7 @@ def test_rows_carry_the_seed_s_figures_and_files_hold_both(quick, tmp_path, monk
     assert shown.exit_code == 0, shown.output
     result = json.loads(file.read_text())
     reference, thin = result["rows"]
-    assert reference["seed"]["ms_per_step"] == 1.48 and thin["seed"] is None
+    assert reference["paper"]["ms_per_step"] == 1.48 and thin["paper"] is None
     assert reference["elements"] == 480
     assert list(result["skipped"]) == ["armadillo-of-mine:x"]
     lines = file.with_suffix(".md").read_text().splitlines()
@@ -84,6 +85,15 @@ def test_rows_carry_the_seed_s_figures_and_files_hold_both(quick, tmp_path, monk
     assert lines[4].startswith("| flat-block, thin | native kernels")
     assert "Left out: armadillo-of-mine:x" in lines[-1]
     assert lines == [line for line in shown.stdout.splitlines() if line in lines]
+
+
+@pytest.mark.parametrize("stem", ["epyc-avx2-2-cores", "xeon-emerald-rapids-2-cores"])
+def test_kept_results_are_those_of_their_tables(stem):
+    """Tables and figures belong together, and name the paper that both stand beside."""
+    kept = REPOSITORY / "bench" / "results" / f"{stem}-scenes.json"
+    text = bench_scenes.table(json.loads(kept.read_text()))
+    assert kept.with_suffix(".md").read_text() == f"{text}\n"
+    assert "[W] is Warburton and Maddock (2014), Table II." in text.splitlines()
 
 
 @pytest.mark.parametrize(

@@ -54,6 +54,28 @@ def test_each_workload_is_checked_and_reported(workload, executor):
     assert 0 < row["fill"] <= 1
 
 
+def test_shares_of_the_roofline_follow_from_what_is_reported():
+    """Of a single round, whose medians are its own figures; they are printed with six digits."""
+    row = quick("flat-block", rounds=1, checks=False)
+    n, seconds = row["elements"], 1e-3 * row["ms_per_step"]
+    counted = row["instructions"]
+    assert row["floor_instructions"] == pytest.approx(
+        sum(counted.values()) - counted["shuffled"], rel=1e-4
+    )
+    # In float32 nine numbers of a node and 2 bytes of its mass; 2 of an element, 8 of its muscle.
+    floor = (9 * 4 + 2) * row["nodes"] / n + 2 + 8 * row["muscle_elements"] / n
+    assert row["floor_bytes"] == pytest.approx(floor, rel=1e-4)
+    shares = {
+        "bytes": floor * n / (1e9 * row["axpy_gb_s"]) / seconds,
+        "arithmetic": row["floor_instructions"] * n / (1e9 * row["arithmetic_g_s"]) / seconds,
+    }
+    for bound, share in shares.items():
+        assert row[f"{bound}_fraction"] == pytest.approx(share, rel=1e-4), bound
+    assert row["roofline_fraction"] == pytest.approx(max(shares.values()), rel=1e-4)
+    assert row["melem_steps_per_s"] == pytest.approx(1e-6 * n / seconds, rel=1e-4)
+    assert row["effective_bytes"] == pytest.approx(1e9 * row["copy_gb_s"] * seconds / n, rel=1e-4)
+
+
 def test_bodies_have_the_sizes_of_the_paper():
     """Table II: armadillo 15 107 elements, 19 698 nodes; forehead 503 530, 118 276 sliding."""
     figure = quick("armadillo", elements=None)
@@ -137,6 +159,7 @@ def test_flatness_is_of_the_sizes_that_no_cache_holds():
     ]
     found = bench_workloads.flatness(rows)
     assert found["ns_per_element"] == pytest.approx([1.0, 1.2, 1.1])
+    assert found["relative_cost"] == pytest.approx([1 / 0.9, 1 / 0.5, 1 / 0.4])
     assert found["flatness"] == pytest.approx(1.2 / 1.1)
     assert found["relative_flatness"] == pytest.approx(0.5 / 0.4)
     assert bench_workloads.flatness(rows[:2])["flatness"] is None
@@ -166,6 +189,13 @@ def test_files_hold_the_table_and_its_numbers(small, tmp_path):
     assert len(result["sizes"]["ns_per_element"]) == len(bench_workloads.SIZES)
     text = file.with_suffix(".md").read_text()
     assert f"{result['rows'][0]['elements']:,} | 0 | physical" in text
+    head, _, *shown_rows = (line.split("|")[1:-1] for line in text.splitlines()[2:6])
+    for row, cells in zip(result["rows"], shown_rows, strict=True):
+        cell = {name.strip(): value.strip() for name, value in zip(head, cells, strict=True)}
+        assert cell["of roofline"].startswith(f"{row['roofline_fraction']:.2f} (")
+        nearer = max(("bytes", "arithmetic"), key=lambda bound: row[f"{bound}_fraction"])
+        assert cell["bound by"] == nearer
+        assert cell["M elem-steps/s"] == f"{row['melem_steps_per_s']:.0f}"
     assert all(line in shown.stdout for line in text.splitlines())
 
 
@@ -176,6 +206,7 @@ def test_json_has_what_outside_readers_rely_on(small, monkeypatch):
     shown = CliRunner().invoke(app, ["bench", "--device", "native", "--json"])
     assert shown.exit_code == 0, shown.output
     result = json.loads(shown.stdout)
+    assert result["voxels_save"] == pytest.approx(1.0 / result["ms_per_step"])
     keys = set(KEYS.split()) - ({"thread_ratio"} if _core.thread_count() == 1 else set())
     assert keys <= set(result)
     assert [r["workload"] for r in result["workloads"]] == ["face", "face"] + 2 * ["armadillo"]

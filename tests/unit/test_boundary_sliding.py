@@ -53,6 +53,17 @@ def test_every_inner_node_of_a_shell_slides_at_its_exact_distance(tmp_path):
     assert groups(model)["sliding", "skull"].tolist() == inner.tolist()
 
 
+def test_of_surfaces_as_near_but_for_rounding_the_first_is_taken():
+    first, second = (trimesh.creation.box((2, 2, 2)), trimesh.creation.box((2, 2, 2 + 2e-9)))
+    meshes = [(mesh.vertices, mesh.faces.astype(np.int32)) for mesh in (first, second)]
+    point = np.array([[0.1, 0.2, 1.5]])
+    for order in (meshes, meshes[::-1]):
+        found = _core.nearest_surfaces(order, point, 1e-6)
+        assert found["surface"].tolist() == [0] and found["tied"].tolist() == [True]
+    found = _core.nearest_surfaces(meshes, point, 1e-12)
+    assert found["surface"].tolist() == [1] and found["tied"].tolist() == [False]
+
+
 def test_nodes_may_be_held_where_they_would_slide(tmp_path):
     sliding = build(tmp_path, boundary={"sliding": ["bones"]}).sliding.nodes
     model = build(tmp_path, boundary={"sliding": {"held": True}})
@@ -60,6 +71,16 @@ def test_nodes_may_be_held_where_they_would_slide(tmp_path):
     np.testing.assert_array_equal(np.flatnonzero(model.fixed.all(axis=1)), sliding)
     assert groups(model)["fixed", "skull"].tolist() == sliding.tolist()
     assert model.report["boundary"]["rigid_nodes"] == len(sliding)
+
+
+def test_without_a_reach_nodes_up_to_two_voxels_away_slide(tmp_path):
+    """Tissue that ends 2 mm above the bone, some of its voxels before and some behind that."""
+    near, far = (
+        build(tmp_path, boundary={"sliding": sliding}, depth=2.0).sliding.distance
+        for sliding in ({}, {"reach": 4})
+    )
+    assert 1.8e-3 < near.max() <= 2e-3 < far.max()
+    assert len(near) == np.count_nonzero(abs(far) <= 2e-3)
 
 
 @pytest.mark.parametrize("facing", [0.3, 0.6, 0.9])

@@ -14,6 +14,7 @@ import tledface as tf
 from tledface import checkpoint
 from tledface.errors import InputError, SimulationError
 from tledface.schedule import Keyframes
+from tledface.time_step import StepWarning
 
 
 def make_model():
@@ -100,11 +101,40 @@ def test_prescribed_motion_and_a_relaxation_go_on_bit_for_bit(tmp_path):
     sim.step(300)
     sim.checkpoint(tmp_path / "c.h5")
     again = tf.Simulator.restore(tmp_path / "c.h5")
-    for one in (sim, again):
+    for one in (sim, again):  # at first from the loads of the last step before the file
+        one.relax(tolerance=1e-2)
         one.step(100)
         one.relax(tolerance=1e-2)
         one.step(100)
     assert_same(sim, again)
+
+
+def test_a_given_state_is_looked_at_before_its_first_step_on_both_sides_of_a_file(tmp_path):
+    model = make_model()
+    sim = make_sim(model, device="native")
+    at_rest = sim.dt
+    sim.set_state(model.nodes * (-0.25, 0.0, 0.0))
+    sim.checkpoint(tmp_path / "c.h5")
+    again = tf.Simulator.restore(tmp_path / "c.h5")
+    for one in (sim, again):
+        one.step(1)
+    assert again.dt < 0.95 * at_rest
+    assert_same(sim, again)
+
+
+def test_a_warning_of_the_step_is_not_given_again_after_a_restart(tmp_path):
+    model = make_model()
+    dt = 0.99 * make_sim(model, device="native").dt_crit
+    sim = make_sim(model, device="native", dt=dt)
+    squeezed = model.nodes * (-0.25, 0.0, 0.0)
+    sim.set_state(squeezed)
+    with pytest.warns(StepWarning, match="may be above the stable limit of now"):
+        sim.step(1)
+    sim.checkpoint(tmp_path / "c.h5")
+    again = tf.Simulator.restore(tmp_path / "c.h5")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", StepWarning)
+        again.step(8)
 
 
 def test_the_model_comes_back(tmp_path):

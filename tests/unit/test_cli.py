@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,9 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 import fake_run
+from tledface import bench_workloads
 from tledface.catalogue import Example, shipped
 from tledface.cli import app
 from tledface.errors import InputError, SimulationError
+from tledface.io import _lock
 from tledface.scene import Scene
 
 VERBS = ("doctor", "demo", "examples", "new", "check", "build", "run", "resume", "bench", "schema")
@@ -362,6 +365,32 @@ def test_other_settings_never_replace_a_run_unasked(call, tmp_path, varied, monk
     assert call("demo", "varied", "-o", "out", "--force", "--variant", "thin").exit_code == 0
 
 
+def test_a_demo_that_finds_no_room_keeps_its_earlier_results(call, tmp_path, varied, monkeypatch):
+    assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    full = shutil.disk_usage(tmp_path)._replace(free=-(10**9))
+    with monkeypatch.context() as patch:
+        patch.setattr("shutil.disk_usage", lambda path: full)
+        line = error_line(call("demo", "varied", "-o", "out"))
+    assert line.startswith("tledface: error: out/scene/deep/brow.toml: output.fps")
+    after = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    assert after == before
+
+
+def test_a_demo_holds_its_folder_from_the_scene_to_the_last_result(
+    call, tmp_path, varied, monkeypatch
+):
+    release, states = _lock.release, []
+
+    def released(path, handle):
+        states.append(json.loads((tmp_path / "out" / "run.json").read_text())["state"])
+        release(path, handle)
+
+    monkeypatch.setattr(_lock, "release", released)
+    assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
+    assert states == ["finished"]
+
+
 def test_an_unfinished_demo_is_resumed_rather_than_begun_again(call, tmp_path, varied):
     assert call("demo", "varied", "-o", "out", "-q").exit_code == 0
     about = json.loads((tmp_path / "out" / "run.json").read_text())
@@ -452,6 +481,51 @@ def test_doctor_and_bench_call_their_modules(call, monkeypatch):
     monkeypatch.setitem(sys.modules, "tledface.bench", SimpleNamespace(main=asked.update))
     assert call("bench", "--device", "native", "--json").exit_code == 0
     assert asked == {"device": "native", "json": True, "quiet": False}
+
+
+def test_the_device_that_is_asked_for_is_the_one_that_works(call, tmp_path, monkeypatch):
+    """A verb that took no notice of --device would run too, on another."""
+    asked = {}
+    done = SimpleNamespace(text=str, to_dict=dict)
+    for verb, does in (
+        ("check", "tledface.check.check_scene"),
+        ("run", "tledface.run.run_scene"),
+        ("resume", "tledface.run.resume_run"),
+    ):
+        monkeypatch.setattr(
+            does, lambda *_, verb=verb, **given: asked.update({verb: given}) or done
+        )
+    scene = fake_run.write_scene(tmp_path)
+    for words in (("check", scene), ("run", scene, "-o", "out"), ("resume", "out")):
+        assert call(*words, "--device", "opencl:3").exit_code == 0
+    assert {verb: given["device"] for verb, given in asked.items()} == dict.fromkeys(
+        ("check", "run", "resume"), "opencl:3"
+    )
+    assert call("resume", "out").exit_code == 0 and asked["resume"]["device"] is None
+
+
+@pytest.mark.parametrize(
+    ("words", "workloads", "with_sizes"),
+    [
+        ("--all", (*bench_workloads.QUICK, *bench_workloads.LARGE), False),
+        ("--workload face --workload armadillo", ("face", "armadillo"), False),
+        ("--sizes", (), True),
+        ("--all --sizes", (*bench_workloads.QUICK, *bench_workloads.LARGE), True),
+    ],
+)
+def test_bench_measures_what_it_was_asked_for(call, monkeypatch, words, workloads, with_sizes):
+    asked = {}
+    monkeypatch.setattr(bench_workloads, "main", lambda **given: asked.update(given))
+    result = call("bench", *words.split(), "--device", "opencl:3", "-o", "b.json", "--quiet")
+    assert result.exit_code == 0, result.output
+    assert asked == {
+        "device": "opencl:3",
+        "workloads": workloads,
+        "with_sizes": with_sizes,
+        "output": Path("b.json"),
+        "json": False,
+        "quiet": True,
+    }
 
 
 def test_console_script_error_has_no_traceback(tmp_path):

@@ -150,18 +150,22 @@ def test_a_bad_value_on_the_way_is_named():
     model = block()
     model.prescribe(top, {"x": lambda t: "far" if t > 1e-5 else 0.0})
     sim = tf.Simulator(model)
-    with pytest.raises(InputError, match=r"component x: got 'far' at t = "):
+    with pytest.raises(InputError, match=r"component x: got 'far', at t = "):
         sim.step(100)
     model = block()
     model.prescribe(top, {"x": lambda t, X: np.zeros(3)})
-    with pytest.raises(InputError, match=r"gave shape \(3,\) at t = 0 s; allowed: .* \(63,\)"):
+    with pytest.raises(InputError, match=r"gave shape \(3,\), at t = 0 s; allowed: .* \(63,\)"):
         tf.Simulator(model)
     model = block()
     with pytest.raises(InputError, match=r"body_force: got inf at \[2\], which is not finite"):
         model.body_force(np.ones(192, bool), (0.0, 0.0, np.inf))
     model.body_force(np.ones(192, bool), lambda t: 3.0)
-    with pytest.raises(InputError, match=r"body_force: got 3.0 .* three finite numbers"):
+    with pytest.raises(InputError, match=r"body_force: got 3.0, .* three finite numbers"):
         tf.Simulator(model)
+    with pytest.raises(
+        InputError, match=r"got shape \(2,\); allowed: finite N/m3, \(3,\) for all of"
+    ):
+        model.body_force(np.ones(192, bool), (0.0, 1.0))
     for given in ("far", [[1.0], [2.0, 3.0]]):
         model = block()
         model.prescribe(top, {"x": lambda t, X, given=given: given})
@@ -174,10 +178,13 @@ def test_a_bad_value_on_the_way_is_named():
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
-def test_what_is_fixed_stays_whatever_velocity_is_given(executor, precision):
+def test_what_is_fixed_stays_whatever_acts_and_velocity_is_given(executor, precision):
     model = block()
     model.fix(lambda X: X[:, 0] < 1e-9)
     model.fix(top, "x")
+    model.gravity = (2.0, -3.0, -9.81)
+    model.body_force(np.ones(192, bool), (500.0, 200.0, -300.0))
+    model.pressure(lambda c, n: abs(n[:, 0]) > 0.5, 30.0)
     sim = tf.Simulator(model, precision=precision, **executor.kwargs)
     sim.set_state(np.zeros_like(model.nodes), np.ones_like(model.nodes))
     sim.step(20)
@@ -261,3 +268,46 @@ def test_channels_of_many_steps_are_those_of_each(moving):
         assert np.array_equal(row, np.concatenate(expected))
     assert np.array_equal(sampler.channels(times[2], times[3]), table[2])
     assert table.shape == (5, len(sampler.channels_of_rest()))
+
+
+WRONG = [
+    (None, "None"),
+    ("3.0", "'3.0'"),
+    (np.nan, "nan"),
+    ({"x": 1.0}, r"\{'x': 1.0\}"),
+    (np.zeros((2, 2)), r"shape \(2, 2\)"),
+    ([[1.0], [2.0, 3.0]], r"\[\[1.0\], \[2.0, 3.0\]\]"),
+    ("long " * 99, r"'long long .*\.\.\."),
+]
+
+
+@pytest.mark.parametrize(("value", "told"), WRONG)
+@pytest.mark.parametrize("kind", ["scalar", "field", "force", "pressure", "pose"])
+def test_what_a_callable_gave_is_told_with_its_time(kind, value, told):
+    """At the first moment that it gives it: before 10 us nothing is wrong."""
+    model = block()
+    good = {"field": np.zeros(63), "force": np.zeros(3), "pose": np.eye(4)}.get(kind, 0.0)
+    given = value
+    if kind == "field" and value is np.nan:
+        given, told = np.where(np.arange(63) == 5, np.nan, 0.0), r"nan at \[5\], .* not finite"
+
+    def later(t):
+        return good if t < 1e-5 else given
+
+    if kind == "scalar":
+        model.prescribe(top, {"x": later})
+    elif kind == "field":
+        model.prescribe(top, {"x": lambda t, X: later(t)})
+    elif kind == "force":
+        model.body_force(np.ones(192, bool), later)
+    elif kind == "pressure":
+        model.pressure(lambda c, n: n[:, 2] > 0.5, later)
+    else:
+        model.slide(bottom, trimesh.creation.box((1.0, 1.0, 1.0)), "bone")
+        model.move_surface("bone", later)
+    sim = tf.Simulator(model, device="native")
+    line = rf"(got|gave) {told}, at t = [\d.e-]+ s; allowed: "
+    with pytest.raises(InputError, match=line) as caught:
+        sim.step(1000)
+    assert len(str(caught.value)) < 250
+    assert "\n" not in str(caught.value)

@@ -129,7 +129,11 @@ def test_parameters_with_defaults_directions_and_modifiers():
     ("changes", "message"),
     [
         ({"prony": [(0.5, 0.1), (0.6, 1.0)]}, "prony: the shares add up"),
-        ({"prony": [(0.5, -0.1)]}, "greater than 0"),
+        ({"prony": [(0.5, -0.1)]}, r"prony: got -0\.1; allowed: at least 1e-15 s"),
+        ({"prony": [(0.5, 1e-300)]}, "prony: got 1e-300; allowed: at least 1e-15 s"),
+        ({"prony": [(1.5, 0.1)]}, r"prony: got 1\.5; allowed: greater than 0 and less than 1"),
+        ({"pretension": {"along": 1e300}}, r"pretension: got 1e\+300; .* at most 1e\+15 Pa"),
+        ({"pretension": {"along": 0.0, "across": 1e16}}, r"pretension: got 1e\+16; .*1e\+15 Pa"),
         ({"prony": [0.5]}, "prony: got 0.5; allowed: pairs"),
         ({"pretension": {"across": 1.0}}, "pretension: got"),
         ({"pretension": {"along": 1.0, "line": (1, 0, 0)}}, "line and normal missing"),

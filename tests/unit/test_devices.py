@@ -6,6 +6,7 @@ TLEDFACE_REQUIRE_OPENCL=1 turns a missing OpenCL device into a failure.
 import dataclasses
 import json
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -227,6 +228,42 @@ def test_empty_buffer(any_device):
     buffer = any_device._allocate(0)
     assert buffer.nbytes == 0
     buffer.write(np.empty(0, np.float32))
+
+
+def test_a_buffer_of_all_there_could_be_is_refused():
+    with pytest.raises(InputError, match="not enough memory"):
+        resolve("native")._allocate(2**64 - 1)
+
+
+# In a process of its own with memory for the stacks of five more threads and a half.
+STACK = 256 << 20
+FEW_THREADS = f"""
+import resource
+import numpy as np
+from tledface import _core
+
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+most = used + 11 * {STACK} // 2
+resource.setrlimit(resource.RLIMIT_AS, (most, most))
+cells = np.array([[0, 0, 0], [9, 0, 0]])
+points = np.repeat([[0.5, 0.5, 0.5], [9.5, 0.5, 0.5]], 5000, axis=0)
+element, distance = _core.nearest_cells(cells, [1.0, 1.0, 1.0], points)
+print(element.sum(), distance.max())
+"""
+
+
+def test_fewer_threads_than_asked_for_do_the_same():
+    hard = resource.getrlimit(resource.RLIMIT_STACK)[1]
+    done = subprocess.run(
+        [sys.executable, "-c", FEW_THREADS],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        env=os.environ | {"TLEDFACE_NUM_THREADS": "16", "MALLOC_ARENA_MAX": "1"},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_STACK, (STACK, hard)),
+    )
+    assert (done.returncode, done.stdout) == (0, "5000 0.0\n"), done.stderr
 
 
 def test_copy_outside_an_opencl_buffer_is_an_error(opencl_device):

@@ -303,7 +303,7 @@ def test_units_are_documented():
 def bounded_keys():
     for heading, (_, place) in SECTIONS.items():
         for key, row in key_rows(heading).items():
-            for sign, limit in re.findall(r"([>≥<≤]) ([\d.]+)", row["bounds"]):
+            for sign, limit in re.findall(r"([>≥<≤]) ([\d.e]+)", row["bounds"]):
                 yield pytest.param(place, key, row["kind"], sign, float(limit), id=f"{key}{sign}")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from conftest import required
+from conftest import file_limit, required
 from tledface.constitutive import material
 from tledface.errors import InputError
 from tledface.io.surfaces import SURFACE_ENDINGS, write_surface
@@ -307,7 +307,7 @@ os._exit(9)
 def bytes_outside_frames(path):
     """A time series file without its frames' data."""
     data = bytearray(path.read_bytes())
-    with h5py.File(path) as file:
+    with h5py.File(path, locking=False) as file:  # as its writer still has it
         fields = [*file["VTKHDF/PointData"].values()]
         fields += [x for x in (file["VTKHDF/Points"],) if x.chunks]
         places = [
@@ -360,8 +360,8 @@ def test_a_killed_series_goes_on_from_a_checkpoint(model, tmp_path):
     with pytest.raises(InputError, match="another process is writing it"):
         in_another_process(VTKHDFWriter.reopen, path, model, "skin", keep=2)
     killed.sync()
-    killed._file.close()
-    killed._surface_writer._file.close()
+    killed._close_file()
+    killed._surface_writer._close_file()
     with VTKHDFWriter.reopen(path, model, "skin", keep=2) as writer:
         assert writer.n_steps == 2
         with pytest.raises(InputError, match="above the last one, 1 s"):
@@ -398,6 +398,47 @@ VTKHDFWriter.reopen({str(arguments[0])!r}, Model.load({str(arguments[0].with_nam
     )
     assert done.returncode == 1
     raise InputError(done.stderr.splitlines()[-1])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the file size there")
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.6, 0.9, 0.99])
+def test_a_series_that_its_limit_cuts_ends_in_the_system_s_words(model, tmp_path, share):
+    """At any place, also where HDF5 writes: it told of that in lines of its own, or crashed."""
+    model.save(tmp_path / "model.h5")
+    with VTKHDFWriter(tmp_path / "run.vtkhdf", model, surface="skin", frames=6) as writer:
+        writer.append(0.0, np.zeros_like(model.nodes))
+    size = int(share * (tmp_path / "run.vtkhdf").stat().st_size)
+    program = f"""
+import numpy as np
+import resource
+from tledface.io.vtkhdf import VTKHDFWriter
+from tledface.model import Model
+model = Model.load("model.h5")
+resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
+try:
+    with VTKHDFWriter("cut.vtkhdf", model, surface="skin", frames=6) as writer:
+        writer.append(0.0, np.zeros_like(model.nodes))
+except OSError as error:
+    print(f"{{error.filename}}: {{error.strerror}}")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    expected = (0, "cut.part.vtkhdf: File too large\n", "")
+    assert (done.returncode, done.stdout, done.stderr) == expected
+    assert not list(tmp_path.glob("cut*"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the file size there")
+@pytest.mark.parametrize("size", [500, 4000, 9000])
+def test_a_model_file_that_its_limit_cuts_leaves_the_one_there(model, tmp_path, size):
+    model.save(tmp_path / "model.h5")
+    before = (tmp_path / "model.h5").read_bytes()
+    assert len(before) > size
+    with file_limit(size), pytest.raises(OSError, match=r"File too large: .*model.part.h5"):
+        model.save(tmp_path / "model.h5")
+    assert os.listdir(tmp_path) == ["model.h5"]
+    assert (tmp_path / "model.h5").read_bytes() == before
 
 
 def test_series_that_cannot_go_on_are_named(model, tmp_path):

@@ -192,6 +192,13 @@ def test_side_at_sharp_edges_and_corners():
     np.testing.assert_array_equal(side, np.where(inside, -1, 1))
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_closest_point_of_no_place_is_refused(value):
+    solid = prepare_mesh(trimesh.creation.icosphere(1))
+    with pytest.raises(InputError, match="points: point 1 is not finite"):
+        solid.closest_points([[0.0, 0.0, 0.0], [0.0, value, 0.0]])
+
+
 def test_sliver_and_zero_area_triangles_have_a_closest_point():
     box = trimesh.creation.box((1, 1, 1))
     # A vertex in the middle of an edge of one face only: a T-junction closed by a flat face.

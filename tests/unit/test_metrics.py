@@ -69,6 +69,23 @@ def test_a_single_fold_has_no_wavelength():
     assert found.amplitude == pytest.approx(1e-3, rel=0.15)
 
 
+def test_heights_are_above_the_chord_of_valleys_of_unlike_depth():
+    """Every second valley lower: ridges lie midway, so the lower one alone would give 1.3 mm."""
+    uneven = waves(5e-3, 1e-3) + 0.3e-3 * np.sin(2 * np.pi * X / 10e-3)
+    found = wrinkles(uneven, SPACING)
+    assert found.amplitude == pytest.approx(1e-3, rel=0.06)
+
+
+@pytest.mark.parametrize("phase", [0.6e-4, 1.2e-4, 1.9e-4])
+def test_ridges_are_found_between_samples(phase):
+    found = wrinkles(waves(6.5e-3, phase=phase), SPACING).positions[0]
+    exact = phase + 6.5e-3 * np.round((found - phase) / 6.5e-3)
+    assert len(found) >= 8
+    # To the nearest sample two of the three phases would be off by 0.24 of the spacing or more; the
+    # fit of the shape, which is one-sided at the ends, moves a ridge by 0.08.
+    assert found[1:-1] == pytest.approx(exact[1:-1], abs=0.12 * SPACING)
+
+
 def test_the_ends_of_a_line_are_no_ridges():
     found = wrinkles(waves(12e-3), SPACING)
     assert len(found.positions[0]) == 4

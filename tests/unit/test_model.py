@@ -178,8 +178,13 @@ def test_add_muscle_takes_every_form_of_fibre_and_weight(block):
         ({"fibre": "long-axis"}, "numbers"),
         ({"sigma_act": -1.0}, "sigma_act"),
         ({"sigma_act": "5 MPa"}, "sigma_act"),
+        ({"sigma_act": True}, "sigma_act: got True"),
         ({"sigma_pas": np.inf}, "sigma_pas"),
-        ({"lambda_opt": 0.0}, "lambda_opt must be above 0"),
+        ({"sigma_act": 1e300}, r"sigma_act: got 1e\+300; allowed: a number from 0 to 1e\+15 Pa"),
+        ({"sigma_pas": 1e16}, r"sigma_pas: got 1e\+16; allowed: .* 1e\+15 Pa"),
+        ({"lambda_opt": 0.0}, r"lambda_opt: got 0\.0; allowed: a number from 0\.1 to 10"),
+        ({"lambda_opt": 1e-50}, "lambda_opt: got 1e-50"),
+        ({"lambda_pas": 1e300}, r"lambda_pas: got 1e\+300; allowed: a number from 1 to 10"),
         ({"lambda_pas": 0.9}, "lambda_pas"),
         ({"weight": 1.5}, "weight"),
         ({"weight": [0.5] * 3}, "weight"),
@@ -223,6 +228,19 @@ def test_gravity_is_checked(block):
     assert block.gravity.tolist() == [0, 0, -9.81]
     with pytest.raises(InputError, match="gravity"):
         block.gravity = (0, 0)
+    with pytest.raises(InputError, match=r"gravity: got \(0, 0, -1e\+300\) m/s2; allowed: up to"):
+        block.gravity = (0, 0, -1e300)
+    with pytest.raises(InputError, match=r"pressure: got 1e\+300; allowed: Pa as a number up to"):
+        block.pressure(lambda c, n: n[:, 2] > 0.5, 1e300)
+    with pytest.raises(InputError, match=r"body_force: got 1e\+300 N/m3; allowed: up to 1e\+15"):
+        block.body_force(lambda c: c[:, 0] > 0, (0, 0, -1e300))
+    assert (block.gravity[2], block.pressures, block.body_forces) == (-9.81, [], [])
+
+
+def test_voxels_that_single_precision_does_not_hold_are_refused(block):
+    for size in (1e-300, 1e30):
+        with pytest.raises(InputError, match=r"voxel: got .* m; allowed: edges of 1e-09 to 1e"):
+            Model.block((2, 2, 2), (size,) * 3, block.tissue_materials[0])
 
 
 def test_block_surface_is_closed_and_points_outwards(block):
@@ -305,6 +323,16 @@ def test_a_vertex_outside_a_voxel_is_not_drawn_out_with_it():
     assert little[:3] == pytest.approx(points[:3] + points[:3] @ (0.05 * shear).T)
 
 
+def test_far_from_its_voxel_a_vertex_moves_as_the_place_a_voxel_away_does():
+    model = Model.block((3, 1, 1), (0.03, 0.02, 0.01), SOFT)
+    away = np.array([0.0, 0.4, 1.0, 1.4, 6.0])  # voxels beyond the end
+    points = np.stack([0.03 + 0.01 * away, 0 * away + 0.004, 0 * away + 0.007], axis=1)
+    surface = BoundSurface.on(model, points, np.zeros((0, 3), int))
+    moved = surface.displaced(0.1 * model.nodes) - points
+    expected = 0.1 * np.where(away[:, None] > 1.0, points[2], points)
+    assert moved == pytest.approx(expected, abs=1e-15)
+
+
 def test_a_voxel_that_is_not_finite_harms_only_the_skin_on_it():
     model = Model.block((3, 1, 1), (3, 1, 1), SOFT)
     points = np.random.default_rng(0).uniform([0, -0.5, -0.5], [3, 1.5, 1.5], (300, 3))
@@ -333,7 +361,7 @@ def test_bad_surfaces_are_one_clear_line(block):
     for vertices, faces, word in (
         (np.zeros((3, 2)), [[0, 1, 2]], "shape"),
         (np.diag([np.nan, 0, 0]), [[0, 1, 2]], "vertex 0"),
-        (good, [[0, 1, 3]], "allowed 0 to 2"),
+        (good, [[0, 1, 3]], "allowed: 0 to 2"),
         (good, [[0, 1, 2, 2]], "triangulate"),
     ):
         with pytest.raises(InputError, match=word):

@@ -1,10 +1,12 @@
 import os
+import re
 import struct
 import time
 
 import numpy as np
 import pytest
 import trimesh
+from matplotlib.axes import Axes
 
 from tledface.errors import InputError
 from tledface.picture import render_surface, wrinkle_picture
@@ -129,6 +131,15 @@ def test_a_large_surface_is_quick(tmp_path):
     assert time.process_time() - begin < 15.0
 
 
+@pytest.mark.parametrize(("least", "title"), [(5e-5, r"\d folds, .*high"), (0.1, "no folds")])
+def test_the_profile_counts_what_stands_out_enough(tmp_path, monkeypatch, least, title):
+    titles = []
+    monkeypatch.setattr(Axes, "set_title", lambda self, text, **_: titles.append(text))
+    rest, faces = skin(61, height=0.0)
+    wrinkle_picture(tmp_path / "w.png", rest, skin(61)[0], faces, min_prominence=least)
+    assert re.fullmatch(title, titles[-1])
+
+
 def test_bad_pictures_are_one_clear_line(tmp_path):
     rest, faces = skin(11)
     broken = rest.copy()
@@ -136,10 +147,12 @@ def test_bad_pictures_are_one_clear_line(tmp_path):
     for name, deformed, triangles, options, word in (
         ("w.jpg", rest, faces, {}, r"end in \.png"),
         ("missing/w.png", rest, faces, {}, "no folder"),
-        ("w.png", rest[1:], faces, {}, "alike"),
-        ("w.png", broken, faces, {}, "finite"),
-        ("w.png", rest, faces[:0], {}, "faces"),
-        ("w.png", rest, faces + 1, {}, "vertex 121"),
+        ("w.png", rest[1:], faces, {}, "121 at rest and 120"),
+        ("w.png", broken, faces, {}, "picture vertices: vertex 3 is not finite"),
+        ("w.png", rest, faces[:0], {}, r"faces: got shape \(0, 3\) of int64"),
+        ("w.png", rest, faces + 1, {}, "got vertices 1 to 121; allowed: 0 to 120"),
+        ("w.png", rest, faces - 1, {}, "got vertices -1 to 119; allowed: 0 to 120"),
+        ("w.png", rest, 1.0 * faces, {}, r"of float64; allowed: \(m, 3\) whole numbers"),
         ("w.png", rest, faces, {"view": "side"}, "'side'"),
         ("w.png", rest, faces, {"view": (0, 0, 1)}, "parallel"),
         ("w.png", rest, faces, {"view": (0, 0, 0)}, "not all 0"),

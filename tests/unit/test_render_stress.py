@@ -14,7 +14,15 @@ from tledface.errors import InputError
 from tledface.run import run_scene
 from tledface.run_frames import RunFrames
 from tledface.simulator import Simulator
-from tledface.stress_picture import VoxelStress, _Scale, cut_stress_picture, skin_stress_picture
+from tledface.stress_picture import (
+    SurfaceStress,
+    VoxelStress,
+    _Scale,
+    cut_stress_panels,
+    cut_stress_picture,
+    skin_stress_panels,
+    skin_stress_picture,
+)
 from tledface.surface import BoundSurface, boundary_surface
 
 SOFT = tf.material("neo_hookean", youngs_modulus=34e3, poissons_ratio=0.49, density=1100.0)
@@ -87,6 +95,12 @@ def test_the_scale_ends_at_a_percentile_and_has_even_colours():
     np.testing.assert_array_equal(scale.paint(np.array([np.nan])), [[0.75, 0.75, 0.75]])
     for top, unit in ((3.0, "Pa"), (2e6, "MPa")):
         assert _Scale([np.full(4, top)]).unit == unit
+    # An end that is given holds for all, and each panel then says how far its stress goes.
+    given = _Scale([np.zeros(5000), drawn], 25e3)
+    assert given.text() == "the scale ends at 25 kPa (greatest 9000 kPa)"
+    np.testing.assert_array_equal(given.paint(np.array([25e3, 9e6])), colours[[-1, -1]])
+    assert given.named(["a", "b"]) == [("a", "no stress"), ("b", "98 % below 49 kPa")]
+    assert scale.named(["a", "b"]) == [("a", ""), ("b", "")]
     still = _Scale([np.zeros(9)])
     assert "0 Pa" in still.text() and np.isfinite(still.paint(np.zeros(1))).all()
 
@@ -157,6 +171,57 @@ def test_a_cut_shows_the_stress_of_its_layer_where_it_is(tmp_path):
         cut_stress_picture(path, voxels(none), "x", 13e-3)
     with pytest.raises(InputError, match="got axis 'w'"):
         cut_stress_picture(path, voxels(none), "w")
+
+
+def colour_at(image, row, column):
+    """The colour in the middle of a panel, whatever its brightness."""
+    colour = image[round(row), round(column)]
+    return colour / colour.sum()
+
+
+def test_panels_of_several_surfaces_have_one_scale(tmp_path):
+    model = tf.Model.block((8, 8, 2), (8e-3, 8e-3, 2e-3), SOFT)
+    points, faces = sheet(model, 2e-3)
+    stresses = np.array([0.0, 10e3, 20e3, 5e6])
+    states = [
+        # Each surface may have triangles of its own.
+        SurfaceStress(points, faces[number % 2 :], np.full(len(points), stress))
+        for number, stress in enumerate(stresses)
+    ]
+    options = {"view": "top", "columns": 3, "size": (200, 200), "limit": 20e3}
+    path = skin_stress_panels(tmp_path / "s.png", states, labels="abcd", **options)
+    image = pixels(path)
+    # Three panels of 200 pixels and one below the first, with 30 between and 104 above.
+    assert image.shape[:2] == (104 + 200 + 68 + 200 + 128, 760)
+    colours = _Scale([stresses], 20e3).paint(stresses)
+    places = [(204, 130), (204, 360), (204, 590), (472, 130)]
+    for place, colour in zip(places, colours, strict=True):
+        np.testing.assert_allclose(colour_at(image, *place), colour / colour.sum(), atol=0.02)
+    assert (image[400:560, 240:] == 1.0).all()
+    with pytest.raises(InputError, match="got 3 labels, need 4"):
+        skin_stress_panels(tmp_path / "s.png", states, labels="abc", **options)
+
+
+def test_panels_of_several_bodies_are_cut_at_one_place(tmp_path):
+    bodies, stresses = [], []
+    # Bodies may have other voxels, and several states.
+    for n, some in ((4, (0.0, 10e3)), (8, (20e3,)), (4, (5e6,))):
+        model = tf.Model.block((n, n, n), (8e-3, 8e-3, 8e-3), SOFT)
+        still, no_muscle = np.zeros_like(model.nodes), np.zeros(model.n_elements, dtype=bool)
+        layer = np.abs(model.centres[:, 0] - 2e-3) <= 0.5 * model.voxel[0] + 1e-9
+        fields = tuple(np.where(layer, stress, 0.0) for stress in some)
+        u = (still,) * len(some)
+        bodies.append(VoxelStress(model.nodes, model.elements, u, fields, no_muscle))
+        stresses += some
+    options = {"columns": 4, "size": (160, 160), "limit": 20e3}
+    path = cut_stress_panels(tmp_path / "c.png", bodies, "x", 2.1e-3, labels="abcd", **options)
+    image = pixels(path)
+    assert image.shape[:2] == (104 + 160 + 128, 30 + 4 * 190)
+    for number, colour in enumerate(_Scale([np.array(stresses)], 20e3).paint(np.array(stresses))):
+        found = colour_at(image, 184, 110 + 190 * number)
+        np.testing.assert_allclose(found, colour / colour.sum(), atol=0.02)
+    with pytest.raises(InputError, match="got 2 labels, need 4"):
+        cut_stress_panels(tmp_path / "c.png", bodies, "x", labels="ab", **options)
 
 
 # -- a run ---------------------------------------------------------------------------------------

@@ -3,12 +3,14 @@
 import errno
 import json
 import os
+import sys
 
 import h5py
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from conftest import file_limit
 from tledface import checkpoint
 from tledface.cli import app
 from tledface.errors import InputError, SimulationError
@@ -275,6 +277,34 @@ def test_a_disk_too_full_for_frames_ends_the_run_and_it_goes_on_later(
     assert facts(tmp_path / "out")["state"] == "failed"
     monkeypatch.undo()
     assert_same(resume_run(tmp_path / "out", quiet=True), whole)
+
+
+def test_a_disk_too_full_for_the_first_frame_says_what_to_do(scene, tmp_path, monkeypatch):
+    def full(self, time, u, **fields):
+        raise OSError(errno.ENOSPC, "No space left on device", "frames.part.vtkhdf")
+
+    monkeypatch.setattr(VTKHDFWriter, "append", full)
+    with pytest.raises(OSError, match=r"make room, then run it again with --force.*frames\.part"):
+        run_scene(scene, tmp_path / "out", device="native", quiet=True)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the file size there")
+def test_a_limit_of_file_sizes_ends_a_resumption_and_it_goes_on_later(stopped, whole):
+    size = (stopped / "frames.vtkhdf").stat().st_size
+    for limit in (size // 4, size // 2, size - 8):
+        with file_limit(limit):
+            done = CliRunner().invoke(app, ["resume", str(stopped), "-q"])
+        if limit == size // 4:
+            limited = done
+    assert limited.exit_code == 2, limited.output
+    line = limited.stderr.splitlines()[-1]
+    assert line.startswith(f"tledface: error: {stopped}")
+    assert line.endswith(
+        "File too large; raise the limit of file sizes (ulimit -f), then "
+        f"`tledface resume {stopped}` goes on"
+    )
+    assert facts(stopped)["state"] == "failed"
+    assert_same(resume_run(stopped, quiet=True), whole)
 
 
 def test_the_verb(stopped, whole):

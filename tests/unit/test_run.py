@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from types import SimpleNamespace
 
 import h5py
@@ -10,6 +11,7 @@ import pytest
 import trimesh
 
 import fake_run
+from conftest import file_limit
 from tledface.check import check_scene
 from tledface.constitutive import material
 from tledface.errors import InputError, SimulationError
@@ -190,7 +192,8 @@ def test_frames_that_this_disk_does_not_hold_are_refused(scene, tmp_path, monkey
     run_scene(scene, tmp_path / "out", quiet=True)
     written = (tmp_path / "out").glob("*.vtkhdf")
     taken = sum(path.stat().st_blocks * 512 for path in written)
-    frames = 6 * frame_bytes(fake_run.make_model(), shown_surface(fake_run.make_model()))
+    model = fake_run.make_model()
+    frames = 6 * frame_bytes(model, shown_surface(model))
     free = shutil.disk_usage(tmp_path)._replace(free=frames - 1)
     monkeypatch.setattr("shutil.disk_usage", lambda path: free)
     message = r"got 6 frames of 0.\d+ MB, 0.\d+ GB; free for .*new: 0.\d+ GB; lower output.fps"
@@ -205,6 +208,21 @@ def test_frames_that_this_disk_does_not_hold_are_refused(scene, tmp_path, monkey
     with pytest.raises(InputError, match="lower output"):
         run_scene(scene, tmp_path / "out", quiet=True, force=True)
     assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the file size there")
+@pytest.mark.parametrize("limit", [20_000, 400_000])
+def test_a_file_longer_than_its_limit_is_refused_and_what_was_there_stays(scene, tmp_path, limit):
+    run_scene(scene, tmp_path / "out", quiet=True)
+    longest = max(path.stat().st_size for path in (tmp_path / "out").glob("*.vtkhdf"))
+    assert longest > limit
+    before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    message = r"got 6 frames in a file of 0.\d+ MB; allowed by the limit of file sizes: 0.\d+ MB"
+    with file_limit(limit), pytest.raises(InputError, match=message):
+        run_scene(scene, tmp_path / "out", quiet=True, force=True)
+    assert {path: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+    with file_limit(int(1.2 * longest)):
+        run_scene(scene, tmp_path / "out", quiet=True, force=True)
 
 
 def test_frames_of_high_rates_reserve_no_more_than_steps(tmp_path, monkeypatch):

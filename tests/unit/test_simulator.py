@@ -26,6 +26,9 @@ def small_model(muscle=True):
     ("options", "message"),
     [
         ({"damping": -1.0}, "damping: got -1.0"),
+        ({"damping": 1e300}, r"damping: got 1e\+300; allowed: a number from 0 to 1e\+15"),
+        ({"mass_scaling": 1e300}, r"mass_scaling: got 1e\+300; allowed: a factor of 1 to 1e\+15"),
+        ({"hourglass": "joldes", "hourglass_kappa": 1e300}, r"hourglass_kappa: got 1e\+300"),
         ({"mass_scaling": 0.5}, "mass_scaling: got 0.5"),
         ({"hourglass": "none"}, "hourglass: got 'none', allowed are 'physical', 'joldes'"),
         ({"hourglass_kappa": 0.5}, 'hourglass_kappa: got 0.5 with hourglass = "physical"'),

@@ -110,6 +110,14 @@ def test_dt_that_the_bound_alone_lowered_rises_again(bound):
     assert core.limit_iterations < 8
 
 
+def test_dt_does_not_rise_past_that_of_rest():
+    """A limit that falls, and rises to half above what it was."""
+    limit = lambda t: 1e-6 * np.interp(t, [0.1e-3, 0.5e-3, 1e-3], [1.0, 0.6, 1.5])  # noqa: E731
+    core, most = run(limit, 4e-3)
+    assert most < 0.93
+    assert core.dt == pytest.approx(SAFETY * 1e-6)
+
+
 def test_a_given_dt_that_was_warned_of_costs_no_more_looks():
     limit = lambda t: 1e-6 * np.interp(1e3 * t, *FOLDING.T)  # noqa: E731
     with pytest.warns(StepWarning):

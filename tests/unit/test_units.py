@@ -36,6 +36,27 @@ def test_text_becomes_si(text, kind, expected):
     assert units.parse(text, kind) == pytest.approx(expected, rel=1e-15)
 
 
+# Written out again: a factor that is off in the table is off in no other place.
+FACTORS = {
+    "length": {"m": 1.0, "cm": 0.01, "mm": 0.001, "um": 0.000001},
+    "time": {"s": 1.0, "ms": 0.001, "us": 0.000001, "ns": 0.000000001},
+    "pressure": {
+        "Pa": 1.0, "kPa": 1000.0, "MPa": 1000000.0, "GPa": 1000000000.0, "N/m^2": 1.0,
+        "N/mm^2": 1000000.0, "kN/m^2": 1000.0,
+    },
+    "density": {"kg/m^3": 1.0, "g/cm^3": 1000.0, "g/ml": 1000.0, "kg/l": 1000.0},
+    "rate": {"1/s": 1.0, "Hz": 1.0, "1/ms": 1000.0},
+    "acceleration": {"m/s^2": 1.0, "cm/s^2": 0.01, "mm/s^2": 0.001},
+    "number": {"": 1.0, "%": 0.01},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", units.KINDS)
+def test_every_unit_has_its_factor(kind):
+    found = {unit: units.parse(f"3 {unit}", kind) for unit in units.KINDS[kind].units}
+    assert found == pytest.approx({unit: 3 * f for unit, f in FACTORS[kind].items()}, rel=1e-12)
+
+
 def test_every_example_of_the_table_parses_with_its_own_kind():
     for kind, known in units.KINDS.items():
         assert math.isfinite(units.parse(known.example, kind))

@@ -58,6 +58,23 @@ def test_grid_aligned_box_is_exact():
     assert keys == sorted(keys)
 
 
+def test_two_muscles_share_a_part_of_a_voxel_equally():
+    """Both fill the lower half of the voxels: a quarter of each, whatever else is in them."""
+    skin = solid(box([0, 0, 0], [2, 2, 1]), "skin")
+    muscles = [solid(box([-1, -1, -1], [3, 3, 0.5]), name) for name in "ab"]
+    voxels = voxelise(skin, voxel=1.0, muscles=muscles)
+    np.testing.assert_allclose(voxels.fractions, np.tile([0.5, 0.25, 0.25], (4, 1)), atol=1e-12)
+    assert voxels.fill == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("fill", "layers"), [(0.5, 4), (0.4, 5)])
+def test_a_voxel_is_kept_when_filled_to_its_share(fill, layers):
+    """The topmost of five layers of voxels is filled to 7/16."""
+    surface = solid(box([0, 0, 0], [3, 3, 4 + 7 / 16]))
+    voxels = voxelise(surface, voxel=1.0, samples=16, fill=fill)
+    assert len(voxels.cells) == 9 * layers and voxels.cells[:, 2].max() == layers - 1
+
+
 def test_overlapping_and_self_intersecting_parts_are_joined():
     parts = [box([0, 0, 0], [0.6, 1, 1]), box([0.4, 0, 0], [1, 1, 1])]
     voxels = voxelise(solid(trimesh.util.concatenate(parts)), voxel=0.1)

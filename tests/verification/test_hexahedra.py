@@ -165,7 +165,9 @@ def test_time_step_of_distorted_elements(figure, hourglass, share):
     model, _ = distorted((3, 3, 2), share=share)
     sim = simulator(model, hourglass=hourglass)
     limit = true_limit(sim)
-    figure(f"{hourglass}, moved by {share}: estimate / limit", sim.dt_crit / limit, 0.97, rel=0.07)
+    # Its margin of 3 % of the square, and the iteration's end at 1 %: never above the limit.
+    figure(f"{hourglass}, moved by {share}: estimate / limit", sim.dt_crit / limit, 0.984,
+           absolute=0.008)  # fmt: skip
     assert LEAST * limit <= sim.dt_crit <= MOST * limit
     assert sim._core.bound_at_rest()[0] <= MOST * limit
 

@@ -15,8 +15,8 @@ from tledface.scene import Scene
 
 # s, of 50 ms: activation 0.3.
 SHORT = 0.02
-# mm, at that time.
-RISE, APART, HIGH = 7.5, 6.3, 1.2
+# mm, at that time. Rounding (float64) moves them by 3e-4 at most.
+RISE, APART, HIGH = 7.52, 6.31, 1.19
 
 
 class Contracted:
@@ -68,10 +68,10 @@ def test_the_skin_is_equally_thick_everywhere(tmp_path):
 def test_the_brow_rises_and_the_skin_above_it_folds(raised, figure):
     assert raised.model.n_elements == pytest.approx(61_000, rel=0.02)
     assert np.linalg.det(raised.sim.deformation_gradient()).min() > 0.0
-    figure("rise of the brow, mm", raised.moved("frontalis")[2], RISE, rel=0.2)
-    figure("folds", raised.folds.count, 3, absolute=1)
-    figure("distance of folds, mm", 1e3 * raised.folds.wavelength, APART, rel=0.2)
-    figure("height of folds, mm", 1e3 * raised.folds.amplitude, HIGH, rel=0.3)
+    figure("rise of the brow, mm", raised.moved("frontalis")[2], RISE, rel=0.01)
+    figure("folds", raised.folds.count, 3, absolute=0)
+    figure("distance of folds, mm", 1e3 * raised.folds.wavelength, APART, rel=0.01)
+    figure("height of folds, mm", 1e3 * raised.folds.amplitude, HIGH, rel=0.02)
 
 
 def test_the_skin_slides_on_the_bone(raised, figure):
@@ -93,7 +93,7 @@ def test_what_is_held_stays(raised):
 def test_one_material_does_not_fold(raised, tmp_path):
     plain = Contracted(tmp_path, single_material=True)
     assert plain.moved("frontalis")[2] > raised.moved("frontalis")[2] / 2
-    assert plain.folds.amplitude < raised.folds.amplitude / 4
+    assert plain.folds.count == 0
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,9 @@
 
 Short: strips of the block, 12 mm wide, while their folds form. The whole blocks to the end of the
 contraction are the long version, but for the reference, which is the main job of it all.
+
+Rounding (float64, another executor, a start that is off by 1e-10 m) moves the figures of a strip by
+1e-4 of them, and the height of the thin strip's folds by 7 %: tolerances are some times that.
 """
 
 import json
@@ -42,9 +45,9 @@ def folded(tmp_path_factory):
 
 def test_strip_folds(forming, figure):
     folds, _ = forming["reference"]
-    figure("folds while they form", folds.count, 4, absolute=1)
-    figure("distance of folds, mm", 1e3 * folds.wavelength, 5.9, rel=0.15)
-    figure("height of folds, mm", 1e3 * folds.amplitude, 1.3, rel=0.25)
+    figure("folds while they form", folds.count, 4, absolute=0)
+    figure("distance of folds, mm", 1e3 * folds.wavelength, 5.92, rel=0.01)
+    figure("height of folds, mm", 1e3 * folds.amplitude, 1.31, rel=0.02)
 
 
 def test_strip_of_one_material_does_not_fold(forming, figure):
@@ -56,10 +59,12 @@ def test_strip_of_one_material_does_not_fold(forming, figure):
 def test_strip_of_thin_voxels_folds_more_finely(forming, figure):
     """Fig. 12 of the paper: the stiff layer is half as thick, so that folds may be half as far."""
     thin, reference = forming["thin"][0], forming["reference"][0]
-    figure("thin: folds over those of the reference", thin.count / reference.count, 1.75, rel=0.25)
+    figure(
+        "thin: folds over those of the reference", thin.count / reference.count, 1.75, absolute=0
+    )
     ratio = thin.wavelength / reference.wavelength
-    figure("thin: distance over that of the reference", ratio, 0.54, absolute=0.12)
-    figure("thin: height of folds, mm", 1e3 * thin.amplitude, 0.87, rel=0.25)
+    figure("thin: distance over that of the reference", ratio, 0.538, absolute=0.01)
+    figure("thin: height of folds, mm", 1e3 * thin.amplitude, 0.85, rel=0.12)
 
 
 def test_strip_of_young_skin_folds_more_finely(forming):

@@ -278,6 +278,35 @@ def test_sliding_distances_are_kept_on_a_moving_surface(rows, figure, friction):
     assert abs(sim.u).max() > 1e-3
 
 
+def test_sliding_distances_are_kept_in_a_relaxation(rows, figure):
+    """Pseudo-steps have one length: nodes of long steps are put back in each, and later."""
+    model = stiff_in_soft(sheets=(8, 11))
+    model.gravity = (981.0, 0.0, 0.0)
+    model.fix(lambda x: x[:, 0] < 1e-9)
+    surface = trimesh.creation.icosphere(subdivisions=4, radius=20e-3)
+    surface.apply_translation((SIZE[0] / 2, SIZE[1] / 2, -20.2e-3))
+    lower = (model.nodes[:, 2] < 1e-9) & ~model.fixed.any(axis=1)
+    kept = model.slide(lower, surface, "bone")
+
+    def error(sim):
+        places = (model.nodes + sim.u)[lower]
+        squares, _ = _core.brute_force_nearest(surface.vertices, surface.faces, places)
+        return abs(np.sqrt(squares) - abs(kept)).max() / H
+
+    sim = tf.Simulator(model, damping=100.0, precision="double", subcycling=8, **rows)
+    assert (np.asarray(sim._core.node_steps())[lower] == 8).all()
+    assert sim.relax(1e-6).converged
+    assert abs(sim.u[lower]).max() > 0.1 * H
+    figure("error over the voxel, relaxed", error(sim), at_most=1e-9)
+    sim.step(5)
+    figure("error over the voxel, steps after", error(sim), at_most=1e-9)
+    whole = tf.Simulator(model, damping=100.0, precision="double", **rows)
+    assert whole.relax(1e-6).converged
+    sim.relax(1e-6)
+    off = abs(sim.u - whole.u).max() / abs(whole.u).max()
+    figure("difference from one step for all", off, at_most=1e-4)
+
+
 def test_the_bits_do_not_depend_on_calls_or_bands(rows):
     one, parts = driven(8, rows["device"]), driven(8, rows["device"])
     one.step(57)

@@ -170,9 +170,17 @@ def test_stable_just_below_the_estimate_and_not_beyond_the_limit(start):
     assert not swing(1.1 * limit, 1000) < 100 * early  # grown, or no longer a number
 
 
+def test_an_automatic_step_is_eight_tenths_of_the_limit_at_rest():
+    sim = tf.Simulator(muscle())
+    assert sim.dt == pytest.approx(0.8 * sim.dt_crit, rel=1e-6)
+
+
 def test_a_step_above_the_bound_is_refused():
-    with pytest.raises(InputError, match=r"dt: got .* above the stable bound .* tissue"):
-        tf.Simulator(film(), dt=1e-4)
+    limit = tf.Simulator(film()).dt_crit
+    for dt in (1.01 * limit, 1e-4):
+        with pytest.raises(InputError, match=r"dt: got .* above the stable bound .* tissue"):
+            tf.Simulator(film(), dt=dt)
+    assert tf.Simulator(film(), dt=0.99 * limit).dt == 0.99 * limit
 
 
 def test_mass_scaling_lengthens_the_step_by_its_root():
@@ -236,6 +244,18 @@ def test_auto_dt_follows_a_rising_activation(over):
         sim.step(40)
         assert sim.dt <= sim.dt_crit
     assert sim.dt < 0.8 * first
+
+
+def test_an_activation_that_nobody_saw_coming_is_looked_at_before_its_first_step():
+    model = muscle()
+    model.fix(lambda X: X[:, 0] < 1e-9)
+    sim = tf.Simulator(model, damping=500.0, device="native")
+    sim.step(300)  # looks are some hundred steps apart by now
+    relaxed = sim.dt
+    sim.activate("m", 1.0)
+    sim.step(1)
+    assert sim.dt < 0.9 * relaxed
+    assert sim.dt <= sim.dt_crit
 
 
 def test_auto_dt_comes_back_when_the_body_does():

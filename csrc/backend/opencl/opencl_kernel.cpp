@@ -1,7 +1,9 @@
 #include "backend/opencl/opencl_kernel.hpp"
 
 #include <cstring>
+#include <mutex>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 
 #include "backend/launch_log.hpp"
@@ -95,7 +97,7 @@ void OpenClKernel::enqueue(std::size_t n_items, std::size_t local_size) {
   if (n_items == 0) return;
   if (local_size > 0) n_items = (n_items + local_size - 1) / local_size * local_size;
   const std::size_t* const local = local_size > 0 ? &local_size : nullptr;
-  if (queue_->recording) {
+  if (queue_->recorder == std::this_thread::get_id()) {
     if (queue_->recording_status == cl::kSuccess) queue_->recording_status = record(n_items, local);
     return;
   }
@@ -151,18 +153,23 @@ std::unique_ptr<Recording> record_launches(std::shared_ptr<OpenClQueue> queue,
     OpenClQueue& queue;
     OpenClRecording& recording;
     ~End() {
+      queue.recorder = std::thread::id();
       queue.recording = nullptr;
       recording.kernels = std::move(queue.recorded);
       queue.recorded.clear();
     }
   };
+  cl::Int refused = cl::kSuccess;
   {
+    const std::lock_guard<std::mutex> one_at_a_time(queue->recording_mutex);
     const End end{*queue, *recording};
     queue->recording = handle;
     queue->recording_status = cl::kSuccess;
+    queue->recorder = std::this_thread::get_id();
     launches();
+    refused = queue->recording_status;
   }
-  if (queue->recording_status != cl::kSuccess) return nullptr;
+  if (refused != cl::kSuccess) return nullptr;
   if (api.FinalizeCommandBufferKHR(handle) != cl::kSuccess) return nullptr;
   return recording;
 }

@@ -1,12 +1,14 @@
 // What the objects of an OpenCL device share: the context of its cl_device_id, with the programs
 // built in it, and its in-order queue.
 #pragma once
+#include <atomic>
 #include <cstdint>
 #include <map>
 #include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "backend/device.hpp"
@@ -77,8 +79,10 @@ struct OpenClQueue {
   OpenClContext& context;
   DeviceInfo info;
   cl::Queue handle = nullptr;
-  // While launches are recorded: where they go instead of the queue, their kernels, and what the
-  // driver said.
+  // While launches are recorded: by which thread (others, of simulators that share the device, go
+  // on launching), where they go instead of the queue, their kernels, and what the driver said.
+  std::mutex recording_mutex;
+  std::atomic<std::thread::id> recorder{std::thread::id()};
   cl::CommandBuffer recording = nullptr;
   std::vector<cl::KernelId> recorded;
   cl::Int recording_status = cl::kSuccess;

@@ -67,8 +67,7 @@ def demo(
     """Run a shipped example: builds, simulates, shows where scene and results are."""
     from tledface import device as device_module
     from tledface.output import OutputFolder, earlier_run
-    from tledface.progress import spinner
-    from tledface.run import run_scene
+    from tledface.run import prepared, run_prepared
     from tledface.run_checkpoints import any_in
     from tledface.scene import Scene
 
@@ -96,15 +95,14 @@ def demo(
             found = _study(output_folder, example, about, opened, arguments, quiet=quiet or json)
         give(found.text(), found.to_dict(), as_json=json, quiet=quiet)
         return
-    with output_folder.held(), _scene_in(folder, example, arguments) as (draft, keep):
-        with spinner("building the model", quiet=quiet or json):
-            model = Scene.load(draft).build()
-        # Only now: what cannot be built loses no earlier results.
-        output_folder.begin(about)
-        scene = Scene.load(keep())
-    result = run_scene(
-        scene, folder, device=opened, force=True, quiet=quiet or json, model=model, about=about
-    )
+    quietly = quiet or json
+    with output_folder.held():
+        with _scene_in(folder, example, arguments) as (draft, keep):
+            sim = prepared(Scene.load(draft), output_folder, opened, quiet=quietly)
+            # Only now: what is refused loses no earlier results.
+            output_folder.begin(about)
+            scene = Scene.load(keep())
+        result = run_prepared(scene, sim, output_folder, about, quiet=quietly)
     give(result.text(), result.to_dict(), as_json=json, quiet=quiet)
 
 
@@ -229,5 +227,8 @@ def _scene_in(
             return place / Path(file).relative_to(draft)
 
         yield draft / Path(file).relative_to(draft), keep
+    except InputError as error:
+        # The draft is gone when the message is read.
+        raise InputError(str(error).replace(str(draft), str(place))) from None
     finally:
         shutil.rmtree(draft, ignore_errors=True)

@@ -149,9 +149,9 @@ def _boundary(choices: Choices) -> str:
         lines += _attachment("procerus", 2.0, ((-10, 1530), (10, 1536)))
     if choices.animation == "frown":
         # Only where they pull: relaxed, their passive stress would tether the brow that is raised.
-        lines += _attachment("corrugator_r", 1.0, ((-12, 1530), (-6, 1546)))
+        lines += _attachment("corrugator_r", 2.0, ((-14, 1534), (-1, 1551)))
         if not choices.half:
-            lines += _attachment("corrugator_l", 1.0, ((6, 1530), (12, 1546)))
+            lines += _attachment("corrugator_l", 2.0, ((1, 1534), (14, 1551)))
     lines += ["", "[boundary.sliding]", 'on = ["bones"]', "facing = 0.6"]
     lines.append(f"boxes = [[[-60, -210, 1546], [60, -100, {TOP:g}]]]")
     if not choices.sliding:

@@ -47,8 +47,9 @@ ABOUT_VARIANTS: dict[str, str] = {
 }
 
 _ANIMATIONS = ("raise", "frown")
-# mm. Folds run across the forehead, so a coarse voxel may be long that way.
-_VOXEL, _COARSE_VOXEL = 0.5, (1.0, 0.6, 0.6)
+# mm. A coarse voxel may be long the way that folds run: across the forehead, upright in a frown.
+_VOXEL = 0.5
+_COARSE_VOXEL = {"raise": (1.0, 0.6, 0.6), "frown": (0.6, 0.6, 1.0)}
 
 
 def write(
@@ -76,7 +77,7 @@ def write(
         data: Folder of the BodyParts3D 3.0 atlas (files by FMA id); None: made from formulas.
         half: The right half only, with a plane of symmetry.
         coarse: The half in larger voxels, to be seen within a minute.
-        voxel: Voxel size, mm; None: 0.5, or 1 x 0.6 x 0.6 for ``coarse``.
+        voxel: Voxel size, mm; None: 0.5, or for ``coarse`` 1 x 0.6 x 0.6 (frown: 0.6 x 0.6 x 1).
         fat: Fat over the muscles beyond the least, mm: the skin lies this much further out.
         animation: ``"raise"`` (frontalis) or ``"frown"`` (procerus and corrugators).
         single_layer: One skin material instead of three: no folds form.
@@ -94,7 +95,10 @@ def write(
     Raises:
         InputError: a value out of range, no such atlas, the folder cannot be made.
     """
-    edges = _COARSE_VOXEL if coarse and voxel is None else (_VOXEL if voxel is None else voxel,) * 3
+    if coarse and voxel is None:
+        edges = _COARSE_VOXEL.get(animation, _COARSE_VOXEL["raise"])
+    else:
+        edges = (_VOXEL if voxel is None else voxel,) * 3
     choices = Choices(
         half=half or coarse,
         voxel=edges,

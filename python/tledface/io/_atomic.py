@@ -10,6 +10,9 @@ from pathlib import Path
 
 from tledface.errors import InputError
 
+# Of a disk that is full, and of limits: the user's share of it, the size of a file.
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
 
 def as_path(given: object, what: str) -> Path:
     """The path of a file to read or write; raises InputError for what is none."""
@@ -51,7 +54,7 @@ def atomic_path(path: Path, what: str, *, durable: bool = False) -> Iterator[Pat
     try:
         part.touch()
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        if error.errno in NO_ROOM:
             raise
         raise InputError(
             f"{what} {path}: cannot be made there ({error.strerror}); choose another place or name"
@@ -63,5 +66,9 @@ def atomic_path(path: Path, what: str, *, durable: bool = False) -> Iterator[Pat
         os.replace(part, path)
         if durable:
             sync(path.parent)
+    except OSError as error:
+        if error.filename is None and error.errno is not None:  # of a write
+            error.filename = str(path)
+        raise
     finally:
         part.unlink(missing_ok=True)

@@ -13,7 +13,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["acquire", "is_held", "release"]
+__all__ = ["acquire", "is_held", "lock", "release"]
 
 _NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP}
 
@@ -23,7 +23,7 @@ def acquire(path: Path) -> int:
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            _lock(handle)
+            lock(handle)
         except BaseException:
             os.close(handle)
             raise
@@ -51,7 +51,7 @@ def is_held(path: Path) -> bool:
     except OSError:
         return False
     try:
-        _lock(handle)
+        lock(handle)
     except BlockingIOError:
         return True
     finally:
@@ -59,14 +59,8 @@ def is_held(path: Path) -> bool:
     return False
 
 
-def _is_at(path: Path, handle: int) -> bool:
-    try:
-        return os.path.samestat(os.fstat(handle), path.stat())
-    except FileNotFoundError:
-        return False
-
-
-def _lock(handle: int) -> None:
+def lock(handle: int) -> None:
+    """Lock an open file until it is closed; raises BlockingIOError if somebody else holds it."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -84,3 +78,10 @@ def _lock(handle: int) -> None:
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             raise
+
+
+def _is_at(path: Path, handle: int) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), path.stat())
+    except FileNotFoundError:
+        return False

@@ -20,6 +20,7 @@ from tledface.conditions import BodyForce, Prescribed, Pressure
 from tledface.constitutive import Material, material
 from tledface.errors import InputError
 from tledface.io._atomic import as_path, atomic_path
+from tledface.io._hdf5 import opened
 from tledface.io.model_surfaces import (
     COMPRESSION,
     numbered,
@@ -56,7 +57,7 @@ def save_model(model: Model, path: str | Path) -> None:
             which no file can hold.
     """
     target = as_path(path, "model file")
-    with atomic_path(target, "model file") as part, h5py.File(part, "w") as file:
+    with atomic_path(target, "model file") as part, opened(part, "w") as file:
         write_model(model, file)
 
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -33,13 +34,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from tledface.errors import InputError
 from tledface.io._atomic import check_folder, sync
+from tledface.io._hdf5 import GuardedFile
 from tledface.model import Model
 from tledface.surface import BoundSurface
 
-__all__ = ["VTKHDFSurfaceWriter", "VTKHDFWriter", "frame_bytes"]
+__all__ = ["VTKHDFSurfaceWriter", "VTKHDFWriter", "file_bytes", "frame_bytes"]
 
 _VTK_HEXAHEDRON = 12
 _ENDING = ".vtkhdf"
+# Bytes of a file beside its numbers: names, groups, places of chunks.
+_STRUCTURE = 2**16
 
 
 class _TimeSeries:
@@ -65,10 +69,12 @@ class _TimeSeries:
         self._offsets: dict[str, tuple[int, str]] = {}
         self._poly = kind == "PolyData"
         self._reserved = frames
+        self._count = 0
         if keep is not None:
             self._reopen(keep)
             return
-        self._file = h5py.File(self._part, "w")
+        self._raw = GuardedFile(self._part, "w")
+        self._file = h5py.File(self._raw, "w")
         self._root = self._file.create_group("VTKHDF")
         self._root.attrs["Version"] = np.array([2, 0], dtype=np.int64)
         self._root.attrs.create("Type", np.bytes_(kind))
@@ -90,28 +96,35 @@ class _TimeSeries:
         trace: TracebackType | None,
     ) -> None:
         """Close the file, with the frames it has."""
-        self.close()
+        # Of several errors the first is told: a full disk is met again by what closing writes.
+        with nullcontext() if error is None else suppress(OSError):
+            self.close()
 
     @property
     def n_steps(self) -> int:
         """Number of frames written."""
-        return int(self._steps.attrs["NSteps"])
+        return self._count
 
     def sync(self) -> None:
         """Wait until all frames are on the disk."""
-        self._file.flush()
+        with self._raw.checked():
+            self._file.flush()
         sync(self._part)
 
     def close(self) -> None:
         """Finish the file and give it its name; without any frame it is removed."""
         if not self._file:
             return
-        written = self.n_steps > 0
-        self._file.close()
-        if written:
+        self._close_file()
+        if self.n_steps:
             os.replace(self._part, self.path)
         else:
             self._part.unlink()
+        self._raw.check()
+
+    def _close_file(self) -> None:
+        self._file.close()
+        self._raw.close()
 
     def note_time_scaling(self, factor: float) -> None:
         """Keep with the frames' times that they are this many times the simulated ones."""
@@ -124,25 +137,29 @@ class _TimeSeries:
         if not self._part.exists():
             raise InputError(f"time series {self._part}: no such file; run again from the start")
         try:
-            self._file = h5py.File(self._part, "r+")
-            self._root = self._file["VTKHDF"]
-            self._steps = self._root["Steps"]
-            found = self.n_steps
+            self._raw = GuardedFile(self._part, "r+")
         except BlockingIOError:
             raise InputError(
                 f"time series {self._part}: another process is writing it; wait for that run, "
                 "or end it"
             ) from None
+        try:
+            self._file = h5py.File(self._raw, "r+")
+            self._root = self._file["VTKHDF"]
+            self._steps = self._root["Steps"]
+            found = int(self._steps.attrs["NSteps"])
         except (OSError, KeyError, TypeError):
+            self._raw.close()
             raise InputError(
                 f"time series {self._part}: damaged; run again from the start"
             ) from None
         if found < keep:
-            self._file.close()
+            self._close_file()
             raise InputError(
                 f"time series {self._part}: holds {found} frames, the checkpoint was made after "
                 f"{keep}; run again from the start"
             )
+        self._count = keep
         self._steps.attrs.modify("NSteps", np.int64(keep))
         self._file.flush()
         tables = [*self._steps.values(), *self._steps["PointDataOffsets"].values()]
@@ -171,6 +188,8 @@ class _TimeSeries:
         self._file.flush()
         self._steps.attrs.modify("NSteps", np.int64(step + 1))
         self._file.flush()
+        self._raw.check()
+        self._count = step + 1
 
     def _check_time(self, time: float) -> None:
         if not self._file:
@@ -220,19 +239,13 @@ class _TimeSeries:
         data, start = group[name], self.n_steps * rows
         if len(data) < start + rows:
             data.resize(start + rows, axis=0)
-        # A frame is a chunk, and goes to its place in the file directly: where the disk is full,
-        # HDF5 keeps what it could not write, reports it to nobody and crashes at exit.
+        # A frame is a chunk, and goes to its place in the file directly: HDF5 would keep it.
         place = data.id.get_chunk_info_by_coord((start, *[0] * (values.ndim - 1))).byte_offset
         if place is None:
             return  # no rows
-        left = memoryview(np.ascontiguousarray(values, dtype=data.dtype).tobytes())
-        try:
-            with open(self._part, "r+b", buffering=0) as raw:
-                raw.seek(place)
-                while left:
-                    left = left[raw.write(left) :]
-        except OSError as error:
-            raise OSError(error.errno, error.strerror, str(self._part)) from None
+        self._raw.seek(place)
+        self._raw.write(np.ascontiguousarray(values, dtype=data.dtype).tobytes())
+        self._raw.check()
 
     def _write_row(
         self,
@@ -374,8 +387,10 @@ class VTKHDFWriter(_TimeSeries):
         if taken:
             raise InputError(f"time series {self.path}: {taken[0]!r} is a field of the model")
         checked = {name: self._checked(name, values) for name, values in arrays.items()}
-        self._append_arrays({"displacement": ("Point", displacement.astype(np.float32))} | checked)
-        self._add_step(time, first_point=0)
+        checked = {"displacement": ("Point", displacement.astype(np.float32))} | checked
+        with self._raw.checked():
+            self._append_arrays(checked)
+            self._add_step(time, first_point=0)
         if self._surface is not None and self._surface_writer is not None:
             moved = self._surface.displaced(displacement)
             self._surface_writer.append(time, moved, **(on_surface or {}))
@@ -394,9 +409,11 @@ class VTKHDFWriter(_TimeSeries):
 
     def close(self) -> None:
         """Finish both files and give them their names."""
-        super().close()
-        if self._surface_writer is not None:
-            self._surface_writer.close()
+        try:
+            super().close()
+        finally:
+            if self._surface_writer is not None:
+                self._surface_writer.close()
 
 
 class VTKHDFSurfaceWriter(_TimeSeries):
@@ -455,18 +472,32 @@ class VTKHDFSurfaceWriter(_TimeSeries):
                 f"time series {self.path}: vertices have shape {points.shape}, need "
                 f"({self._n_points}, 3)"
             )
-        self._append_arrays({name: self._checked(name, v) for name, v in arrays.items()})
-        self._write_frame(self._root, "Points", points)
-        self._add_step(time, first_point=self.n_steps * self._n_points)
+        checked = {name: self._checked(name, v) for name, v in arrays.items()}
+        with self._raw.checked():
+            self._append_arrays(checked)
+            self._write_frame(self._root, "Points", points)
+            self._add_step(time, first_point=self.n_steps * self._n_points)
 
 
 def frame_bytes(model: Model, surface: BoundSurface) -> int:
     """Bytes on the disk of a frame with a scalar of the elements and one of the vertices."""
+    return sum(_frame_bytes(model, surface))
+
+
+def file_bytes(model: Model, surface: BoundSurface, frames: float) -> float:
+    """Bytes of the longer one of the two files of so many such frames, about."""
+    fields = 1 + len(model.tissues) + len(model.muscles)
+    voxels = 24 * model.n_nodes + (1 + 8 + 64 + 4 * fields) * model.n_elements
+    triangles = (24 + 8 + 1) * len(surface.faces)
+    pairs = zip((voxels, triangles), _frame_bytes(model, surface), strict=True)
+    return _STRUCTURE + max(still + frames * each for still, each in pairs)
+
+
+def _frame_bytes(model: Model, surface: BoundSurface) -> tuple[int, int]:
+    """Of the voxels and of the surface, with rows of `Steps`: six tables, one for each array."""
+    rows = 8 * (16 + len(model.tissues) + len(model.muscles))
     voxels = 3 * 4 * model.n_nodes + 4 * model.n_elements
-    skin = (3 * 8 + 4) * len(surface.vertices)
-    # Rows of `Steps`: six tables and one for each array, in both files.
-    rows = 8 * (32 + len(model.tissues) + len(model.muscles))
-    return voxels + skin + rows
+    return voxels + rows, (3 * 8 + 4) * len(surface.vertices) + 8 * 16
 
 
 def _constant_fields(model: Model) -> dict[str, NDArray[np.generic]]:

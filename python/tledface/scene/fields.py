@@ -29,6 +29,7 @@ __all__ = [
     "Components",
     "Gravity",
     "Length",
+    "LongStretch",
     "MassScaling",
     "MaterialField",
     "MissingFiles",
@@ -39,6 +40,7 @@ __all__ = [
     "Pressure",
     "Rate",
     "Scale",
+    "Stretch",
     "Subcycling",
     "SurfacePath",
     "Time",
@@ -387,10 +389,16 @@ _ACTIVATION_SCHEMA: JsonSchema = {
 
 read_length, _ = _quantity("length", above=0.0)
 Length = Annotated[float, *_field(_quantity("length", above=0.0))]
-Pressure = Annotated[float, *_field(_quantity("pressure", at_least=0.0))]
+Pressure = Annotated[float, *_field(_quantity("pressure", at_least=0.0, at_most=units.MOST))]
 Time = Annotated[float, *_field(_quantity("time", above=0.0))]
 Rate = Annotated[float, *_field(_quantity("rate", at_least=0.0))]
 Positive = Annotated[float, *_field(_quantity("number", above=0.0))]
+Stretch = Annotated[
+    float, *_field(_quantity("number", at_least=units.STRETCHES[0], at_most=units.STRETCHES[1]))
+]
+LongStretch = Annotated[
+    float, *_field(_quantity("number", at_least=1.0, at_most=units.STRETCHES[1]))
+]
 Scale = Annotated[float, *_field(_quantity("number", at_least=1.0))]
 UnitFraction = Annotated[float, *_field(_quantity("number", above=0.0, at_most=1.0))]
 TimeStep = Annotated[

@@ -14,6 +14,7 @@ from tledface.scene.fields import (
     Activation,
     CheckpointEvery,
     Gravity,
+    LongStretch,
     MassScaling,
     MaterialField,
     Name,
@@ -22,6 +23,7 @@ from tledface.scene.fields import (
     Pressure,
     Rate,
     Scale,
+    Stretch,
     Subcycling,
     Time,
     TimeStep,
@@ -61,8 +63,8 @@ class MuscleSpec(Table):
         default="tension_length",
         description="fibre law; for calcium the activation is the calcium level",
     )
-    lambda_opt: Positive = Field(default=1.0, description="stretch of the greatest active stress")
-    lambda_pas: Scale = Field(
+    lambda_opt: Stretch = Field(default=1.0, description="stretch of the greatest active stress")
+    lambda_pas: LongStretch = Field(
         default=1.2, description="stretch above which passive fibre stress is linear"
     )
     material: MaterialField = Field(examples=['{ model = "neo_hookean", ... }'])
