@@ -33,6 +33,8 @@ WhereFaces = NDArray[np.bool_] | Callable[[Floats, Floats], NDArray[np.bool_]]
 
 # A node nearer than this (m) to the surface that it may leave lies on it, on the outer side.
 _ON_SURFACE = 1e-9
+# Cosine between a surface's normal and the way to it, below which it is not known from which side.
+_BESIDE = 1e-3
 
 
 class ConditionsMixin:
@@ -140,7 +142,8 @@ class ConditionsMixin:
 
         Raises:
             InputError: ``where`` is no such mask or selects nothing, no such surface, another
-                one has that name, or a friction below 0.
+                one has that name, a friction below 0, or nodes in the surface's plane beyond its
+                open rim.
 
         Components held or prescribed stay so (a symmetry plane that meets a bone), but a node of
         which all three are is released from them: the last call holds. Nodes that slide elsewhere
@@ -163,6 +166,16 @@ class ConditionsMixin:
         ground = SlidingSurface.of(name, surface)
         nodes = np.flatnonzero(mask)
         found = _core.nearest_surfaces([(ground.vertices, ground.faces)], self.nodes[nodes], 0.0)
+        above = np.einsum("ij,ij->i", self.nodes[nodes] - found["point"], found["normal"])
+        reach = np.abs(found["distance"])
+        beside = np.flatnonzero((reach > _ON_SURFACE) & (np.abs(above) < _BESIDE * reach))
+        if len(beside):
+            raise InputError(
+                f"slide: {len(beside)} of {len(nodes)} nodes, such as that at "
+                f"{show(self.nodes[nodes[beside[0]]])} m, lie in the plane of {name!r} beyond its "
+                "open rim, on neither side of it; allowed: nodes above or below it; select others, "
+                "or give a surface that reaches further"
+            )
         self._slide(nodes, found["distance"], ground, friction=float(friction), release=release)
         return found["distance"]
 

@@ -25,6 +25,9 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 
+# Of a triangle's longest side squared: less of twice its area is rounding.
+_NO_AREA = 1e-12
+
 # In the order in which they take precedence.
 GROUP_KINDS = ("fixed", "cut", "attachment", "ligament", "symmetry", "sliding")
 
@@ -75,9 +78,19 @@ class SlidingSurface:
         if not np.isfinite(vertices).all():
             raise InputError(f"slide: surface {name!r} has vertices that are not finite; repair it")
         welded, triangles = _core.weld(vertices, faces)
+        # Triangles without area are none for the solver, so distances must not be to them either:
+        # at an open rim nothing else is there.
+        triangles = triangles[_has_area(welded[triangles])]
         if not len(triangles):
             raise InputError(f"slide: surface {name!r} has no triangle of any area; give another")
         return cls(name, welded, triangles)
+
+
+def _has_area(corners: Floats) -> NDArray[np.bool_]:
+    """Which triangles (n, 3, 3) have an area, but for rounding."""
+    sides = corners[:, (1, 2, 0)] - corners
+    double_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.asarray(double_area > _NO_AREA * (sides**2).sum(axis=2).max(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

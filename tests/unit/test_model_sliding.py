@@ -16,6 +16,30 @@ def floor(z=0.0):
     return trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], process=False)
 
 
+def test_a_triangle_without_area_at_an_open_rim_is_no_surface():
+    """A spike of three points on a line: what slides beside it is kept to the sheet's rim."""
+    z = -0.3e-3
+    sheet = trimesh.Trimesh(
+        [[0, 0, z], [2e-3, 0, z], [2e-3, 4e-3, z], [0, 4e-3, z]], [[0, 1, 2], [0, 2, 3]]
+    )
+    spike = [[2e-3, 2e-3, z], [3e-3, 2e-3, z], [4e-3, 2e-3, z]]
+    both = trimesh.Trimesh(
+        np.concatenate([sheet.vertices, spike]), [*sheet.faces, [4, 5, 6]], process=False
+    )
+    distances = []
+    for surface in (sheet, both):
+        model = tf.Model.block((4, 4, 2), (4e-3, 4e-3, 2e-3), SOFT)
+        distances.append(model.slide(model.nodes[:, 2] < 1e-9, surface))
+        sim = tf.Simulator(model, device="native")
+        sim.step(20)
+        assert abs(sim.u).max() < 1e-6  # it lies where it is held
+    np.testing.assert_allclose(*distances, atol=1e-12)
+    # In the sheet's own plane a node beyond its rim is on neither side: the run would diverge.
+    sheet.vertices = sheet.vertices - [0.0, 0.0, z]
+    with pytest.raises(InputError, match=r"slide: 10 of 25 nodes, such as that at .* open rim"):
+        model.slide(model.nodes[:, 2] < 1e-9, sheet)
+
+
 def test_slide_from_python_keeps_distances_and_the_last_call_holds():
     model = tf.Model.block((4, 4, 2), (4e-3, 4e-3, 2e-3), SOFT)
     bottom = model.nodes[:, 2] < 1e-9
