@@ -19,7 +19,7 @@ from tledface.io._atomic import atomic_path
 from tledface.metrics import MIN_PROMINENCE, detail, line_profile, wrinkles
 from tledface.shading import Camera, View, camera_on, shade
 
-__all__ = ["checked_surface", "render_surface", "round_length", "scale_bar", "wrinkle_picture"]
+__all__ = ["render_surface", "round_length", "scale_bar", "wrinkle_picture"]
 
 Floats = NDArray[np.float64]
 Line = tuple[ArrayLike, ArrayLike]
@@ -70,7 +70,7 @@ def wrinkle_picture(
     path = Path(path)
     if path.suffix.lower() != ".png":
         raise InputError(f"picture {path}: the name must end in .png")
-    rest, deformed, triangles = checked_surface(rest_vertices, vertices, faces)
+    rest, deformed, triangles = _checked_states(rest_vertices, vertices, faces)
     camera = camera_on(np.concatenate([rest[triangles], deformed[triangles]]), view, up, (780, 640))
     line = None if isinstance(profile, bool) else profile
     if profile is True:
@@ -127,12 +127,13 @@ def render_surface(
     Raises:
         InputError: arrays of a wrong shape or not finite, an unknown view.
     """
-    points, _, triangles = checked_surface(vertices, vertices, faces)
+    points = checked_points("picture", vertices)
+    triangles = checked_faces("picture", faces, len(points))
     camera = camera_on(points[triangles], view, up, size)
     return np.ascontiguousarray(shade(points, triangles, camera)[::-1])
 
 
-def checked_surface(
+def _checked_states(
     rest_vertices: ArrayLike, vertices: ArrayLike, faces: ArrayLike
 ) -> tuple[Floats, Floats, NDArray[np.integer]]:
     """The arrays of a picture as they are drawn; InputError for wrong shapes or numbers."""

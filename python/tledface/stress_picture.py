@@ -22,9 +22,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from tledface._model_checks import checked_faces, checked_points
 from tledface.errors import InputError
 from tledface.io._atomic import atomic_path
-from tledface.picture import checked_surface, round_length, scale_bar
+from tledface.picture import round_length, scale_bar
 from tledface.shading import View, camera_on, shade, values_seen
 
 __all__ = [
@@ -151,7 +152,8 @@ def skin_stress_panels(
     """
     drawn = []
     for state in states:
-        points, _, triangles = checked_surface(state.points, state.points, state.faces)
+        points = checked_points("picture", state.points)
+        triangles = checked_faces("picture", state.faces, len(points))
         field = np.asarray(state.stress, dtype=np.float64)
         if field.shape != (len(points),):
             raise InputError(f"picture: stress has shape {field.shape}, need ({len(points)},)")
