@@ -45,7 +45,7 @@ endif()
 add_native_kernels(portable_float "portable" 8 0)
 add_native_kernels(portable_double "portable" 4 1)
 # Once more with rows that count, for the benchmark's roofline: speed does not matter.
-add_native_kernels(counted_float "counted" 1 0 -O1 -Wno-maybe-uninitialized)
+add_native_kernels(counted_float "counted" 1 0 -O0)
 target_compile_definitions(native_counted_float PRIVATE TLED_COUNTED=1)
 if(NOT TLEDFACE_PYTHON)  # bench executables run from the build folder; the package says its own
   target_compile_definitions(tledface_core PRIVATE
