@@ -132,3 +132,32 @@ def test_files_of_the_version_before_load_and_damage_is_named(tmp_path):
         with pytest.raises(InputError, match=word) as caught:
             tf.Model.load(path)
         assert str(path) in str(caught.value)
+
+
+def test_a_refused_state_of_sliding_nodes_leaves_the_simulator_as_it_was():
+    """It is checked whole before any of it is written: what follows has the same bits."""
+    model = tf.Model.block((4, 4, 2), (4e-3, 4e-3, 2e-3), SOFT)
+    model.slide(lambda X: X[:, 2] < 1e-9, floor(-1e-3))
+    model.gravity = (3.0, 0.0, -9.81)
+    asked, never = (tf.Simulator(model, device="native") for _ in range(2))
+    for sim in (asked, never):
+        sim.step(20)
+    earlier = tf.Simulator(model, device="native")
+    earlier.step(7)
+    raw = earlier._core.raw_state()
+    spoilt = raw["sliding"].copy()
+    spoilt[0] += 2  # another layout
+    raw["levels"] = np.ones_like(raw["levels"])
+    with pytest.raises(InputError, match="levels of subcycling are not those"):
+        asked._core.set_raw_state(**raw)
+    del raw["levels"]
+    for sliding in (raw["sliding"][:-1], spoilt):
+        with pytest.raises(InputError, match="bytes of sliding nodes"):
+            asked._core.set_raw_state(**{**raw, "sliding": sliding, "dt": 2 * raw["dt"]})
+        now, expected = (sim._core.raw_state() for sim in (asked, never))
+        for name, value in expected.items():
+            np.testing.assert_array_equal(now[name], value, err_msg=name)
+    for sim in (asked, never):
+        sim.step(20)
+    assert asked.time == never.time
+    np.testing.assert_array_equal(asked.u, never.u)
