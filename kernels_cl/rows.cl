@@ -180,7 +180,7 @@ INLINE void fetch_borders(RowTable t, __global const real* u, int begin, int end
     const int y = side ? end : begin - 1;
     if (y < 0 || y == t.n_y) continue;
     for (int chunk = 0; chunk < t.n_chunks; ++chunk) {
-      __global const int* first = t.row_begin + chunk * t.n_y + y;
+      __global const int* first = t.row_begin + (long)chunk * t.n_y + y;
       for (int i = first[0]; i < first[1]; ++i) {
         __global const int* row = t.rows + TLED_RUN * i;
         __global const real* nodes = u + (long)row[RUN_BLOCK] * (3 * TLED_LANES);
@@ -212,7 +212,7 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
   const int from_y = begin_y > 0 ? begin_y - 1 : 0;
   Face one, other, carried;
   for (int chunk = 0; chunk < table.n_chunks; ++chunk) {
-    __global const int* row_begin = table.row_begin + chunk * table.n_y;
+    __global const int* row_begin = table.row_begin + (long)chunk * table.n_y;
     const int own = row_begin[begin_y], behind = row_begin[end_y];
     if (own == behind) continue;
     for (int i = 0; i < table.n_planes * SCRATCH_ROWS; ++i)

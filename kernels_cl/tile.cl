@@ -159,8 +159,8 @@ INLINE void process_tile(ElementTables t, __global const real* u, __global real*
     face_of(above, row_reals, &high);
     real force[3];
     if (material >= 0 &&
-        t.materials[(material * TLED_MATERIAL_ROWS + MATERIAL_PRESENT) * TLED_LANES + own.lane] >
-            R(0.0)) {
+        t.materials[(long)material * (TLED_MATERIAL_ROWS * TLED_LANES) +
+                    MATERIAL_PRESENT * TLED_LANES + own.lane] > R(0.0)) {
       ElementForce e;
       row_element(t, &low, &high, t.blocks + block * TLED_BLOCK_INTS, material, block, own.lane,
                   integrates && owned, physical, cube, &e);

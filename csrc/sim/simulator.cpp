@@ -286,6 +286,10 @@ void Simulator::set_raw_state(const RawState& state) {
     levels.nodes.assign(state.levels.begin(), state.levels.begin() + n_blocks);
     levels.elements.assign(state.levels.begin() + n_blocks, state.levels.end());
   }
+  const bool knows_sliding = sliding_ && state.sliding.size() > 1;
+  if (knows_sliding) sliding_->check_state(state.sliding);
+  StepLimiter* const limits = limiter_ || state.limit_square > 0 ? &limiter() : nullptr;
+  // What may be refused has been: from here on all of the state is taken.
   take_levels(std::move(levels));
   device_->finish();
   u_[now_]->write(state.u.data(), state.u.size());
@@ -296,14 +300,11 @@ void Simulator::set_raw_state(const RawState& state) {
   dt_ = state.dt;
   n_steps_ = state.n_steps;
   starts_ = state.starts;
-  if (sliding_) {
-    if (state.sliding.size() > 1)
-      sliding_->set_state(state.sliding);
-    else
-      sliding_->forget();
-  }
-  if (limiter_ || state.limit_square > 0)
-    limiter().restore(state.limit_squares, state.limit_square);
+  if (knows_sliding)
+    sliding_->set_state(state.sliding);
+  else if (sliding_)
+    sliding_->forget();
+  if (limits) limits->restore(state.limit_squares, state.limit_square);
 }
 
 void Simulator::set_dt(double dt) {

@@ -396,7 +396,7 @@ std::vector<std::uint8_t> Sliding::state() const {
   return bytes;
 }
 
-void Sliding::set_state(const std::vector<std::uint8_t>& state) {
+void Sliding::check_state(const std::vector<std::uint8_t>& state) const {
   std::size_t needed = 1;
   for (const Buffer* buffer : known()) needed += buffer->bytes();
   if (state.size() != needed || state.front() != layout())
@@ -404,6 +404,9 @@ void Sliding::set_state(const std::vector<std::uint8_t>& state) {
                      " bytes of sliding nodes, this model on this device in this precision has " +
                      std::to_string(needed) +
                      "; restore with the model, precision and device it was saved with");
+}
+
+void Sliding::set_state(const std::vector<std::uint8_t>& state) {
   device_.finish();
   const std::uint8_t* at = state.data() + 1;
   for (Buffer* buffer : known()) {

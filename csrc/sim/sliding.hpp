@@ -57,6 +57,8 @@ class Sliding {
   void enqueue_rest(int next, bool keep_normals);
   // Regions and candidates, as they lie on this device; see RawState.
   std::vector<std::uint8_t> state() const;
+  // Refuses what is no state of these nodes; set_state takes what this let pass.
+  void check_state(const std::vector<std::uint8_t>& state) const;
   void set_state(const std::vector<std::uint8_t>& state);
   // Every node seeks its surface at the next step.
   void forget();

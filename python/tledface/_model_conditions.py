@@ -35,6 +35,8 @@ WhereFaces = NDArray[np.bool_] | Callable[[Floats, Floats], NDArray[np.bool_]]
 _ON_SURFACE = 1e-9
 # Cosine between a surface's normal and the way to it, below which it is not known from which side.
 _BESIDE = 1e-3
+# Of a voxel's shortest edge: how far leaving slivers out may move the rim of a surface.
+_SLIVER = 1e-4
 
 
 class ConditionsMixin:
@@ -53,6 +55,8 @@ class ConditionsMixin:
 
         @property
         def centres(self) -> Floats: ...
+        @property
+        def shortest_edge(self) -> float: ...
         @property
         def n_elements(self) -> int: ...
         def _select(self, where: Where, positions: Floats, what: str, unit: str) -> Mask: ...
@@ -128,7 +132,7 @@ class ConditionsMixin:
         Args:
             where: (n_nodes,) bool, or a function of the nodes (n_nodes, 3) that returns it.
             surface: Triangles in m and the model's frame, open or closed; equal vertices are
-                merged.
+                merged, and slivers at an open rim left out (`SlidingSurface.without_slivers`).
             name: Name of the surface in `sliding`; None: "surface 1" and so on.
             friction: Coulomb's coefficient, with the force that keeps the distance as the normal
                 one, pull or push.
@@ -142,8 +146,9 @@ class ConditionsMixin:
 
         Raises:
             InputError: ``where`` is no such mask or selects nothing, no such surface, another
-                one has that name, a friction below 0, or nodes in the surface's plane beyond its
-                open rim.
+                one has that name, a friction below 0, or nodes beyond the surface's open rim that
+                are on neither side of it: in its plane, or seen from both sides by parts of it
+                that are as near.
 
         Components held or prescribed stay so (a symmetry plane that meets a bone), but a node of
         which all three are is released from them: the last call holds. Nodes that slide elsewhere
@@ -163,18 +168,19 @@ class ConditionsMixin:
             raise InputError(f"slide: friction: got {friction!r}; allowed: a number, 0 or more")
         if not isinstance(release, (bool, np.bool_)):
             raise InputError(f"slide: release: got {release!r}; allowed: True or False")
-        ground = SlidingSurface.of(name, surface)
         nodes = np.flatnonzero(mask)
-        found = _core.nearest_surfaces([(ground.vertices, ground.faces)], self.nodes[nodes], 0.0)
-        above = np.einsum("ij,ij->i", self.nodes[nodes] - found["point"], found["normal"])
-        reach = np.abs(found["distance"])
-        beside = np.flatnonzero((reach > _ON_SURFACE) & (np.abs(above) < _BESIDE * reach))
+        X = self.nodes[nodes]
+        ground = SlidingSurface.of(name, surface).without_slivers(
+            (X.min(axis=0) + X.max(axis=0)) / 2, _SLIVER * self.shortest_edge
+        )
+        found = _core.nearest_surfaces([(ground.vertices, ground.faces)], X, 0.0)
+        beside = np.flatnonzero(_is_beside(ground, X, found))
         if len(beside):
             raise InputError(
                 f"slide: {len(beside)} of {len(nodes)} nodes, such as that at "
-                f"{show(self.nodes[nodes[beside[0]]])} m, lie in the plane of {name!r} beyond its "
-                "open rim, on neither side of it; allowed: nodes above or below it; select others, "
-                "or give a surface that reaches further"
+                f"{show(X[beside[0]])} m, lie beyond the open rim of {name!r} on neither side "
+                "of what is nearest there; allowed: nodes above or below it; select others, or "
+                "give a surface that reaches further, without small flaps at its rim"
             )
         self._slide(nodes, found["distance"], ground, friction=float(friction), release=release)
         return found["distance"]
@@ -303,3 +309,25 @@ class ConditionsMixin:
     def _release(self, nodes: NDArray[np.int64], component: int) -> None:
         kept = [r.without(nodes) if r.component == component else r for r in self.prescribed]
         self.prescribed = [record for record in kept if record is not None]
+
+
+def _is_beside(
+    ground: SlidingSurface, X: Floats, found: _core._NearestSurfaces
+) -> NDArray[np.bool_]:
+    """Which nodes (n, 3) are on neither side of a surface, beyond its open rim.
+
+    They are in the plane of what is nearest there; or a shift of ``_BESIDE`` of the way to it makes
+    another part the nearest, which sees them from its other side.
+    """
+    distance = found["distance"]
+    reach = np.abs(distance)
+    above = np.einsum("ij,ij->i", X - found["point"], found["normal"])
+    beside = np.asarray(np.abs(above) < _BESIDE * reach)
+    if ground.is_open:
+        shifts = np.concatenate([np.eye(3), -np.eye(3)])[:, None] * _BESIDE * reach[:, None]
+        there = _core.nearest_surfaces(
+            [(ground.vertices, ground.faces)], (X + shifts).reshape(-1, 3), 0.0
+        )
+        sides = there["distance"].reshape(6, -1) < 0.0
+        beside |= (sides != (distance < 0.0)).any(axis=0)
+    return beside & (reach > _ON_SURFACE)

@@ -27,6 +27,11 @@ Floats = NDArray[np.float64]
 
 # Of a triangle's longest side squared: less of twice its area is rounding.
 _NO_AREA = 1e-12
+# Of its farthest coordinate: in single precision a height of less, 64 units of its last place, is
+# rounding. What is nearest on such a triangle is then anywhere along it.
+_NO_HEIGHT = 2.0**-18
+# Layers of slivers that a rim is freed of.
+_LAYERS = 2
 
 # In the order in which they take precedence.
 GROUP_KINDS = ("fixed", "cut", "attachment", "ligament", "symmetry", "sliding")
@@ -85,12 +90,76 @@ class SlidingSurface:
             raise InputError(f"slide: surface {name!r} has no triangle of any area; give another")
         return cls(name, welded, triangles)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether a side belongs to one triangle only."""
+        return bool((_side_counts(self.faces)[1] == 1).any())
+
+    def without_slivers(self, centre: Floats, tolerance: float) -> SlidingSurface:
+        """The surface without triangles at its open rim that are next to nothing.
+
+        Which side of the surface a node beyond the rim is on is for the triangle there to say,
+        and where that is a sliver rounding says it. Left out are those that lie all within
+        ``tolerance`` (m) of a side that they share with another, so that the surface does not
+        move by more, and those whose height single precision does not tell from 0, as if they
+        had no area.
+
+        Args:
+            centre: (3,) m, what positions are counted from.
+            tolerance: m.
+        """
+        corners = self.vertices[self.faces]
+        height = _heights(corners)
+        least = _NO_HEIGHT * np.abs(corners - centre).max(axis=(1, 2))
+        thin = np.flatnonzero(height.min(axis=1) <= np.maximum(tolerance, least))
+        if not len(thin):
+            return self
+        sides, count = _side_counts(self.faces)
+        left = np.ones(len(self.faces), dtype=bool)
+        for _ in range(_LAYERS):
+            for face in thin[left[thin] & (count[sides[thin]] == 1).any(axis=1)]:
+                along = (count[sides[face]] > 1) & _stays_beside(corners[face], tolerance)
+                if height[face].min() <= least[face] or along.any():
+                    left[face] = False
+                    count[sides[face]] -= 1
+        if not left.any():
+            raise InputError(
+                f"slide: surface {self.name!r} has no triangle of any area; give another"
+            )
+        return replace(self, faces=self.faces[left])
+
 
 def _has_area(corners: Floats) -> NDArray[np.bool_]:
     """Which triangles (n, 3, 3) have an area, but for rounding."""
     sides = corners[:, (1, 2, 0)] - corners
     double_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     return np.asarray(double_area > _NO_AREA * (sides**2).sum(axis=2).max(axis=1))
+
+
+def _heights(corners: Floats) -> Floats:
+    """Heights (n, 3) of triangles (n, 3, 3) over their sides, each from one corner to the next."""
+    sides = corners[:, (1, 2, 0)] - corners
+    double_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.asarray(double_area[:, None] / np.linalg.norm(sides, axis=2))
+
+
+def _stays_beside(corners: Floats, tolerance: float) -> NDArray[np.bool_]:
+    """For each side of a triangle (3, 3): whether the third corner is that near to it."""
+    near = np.empty(3, dtype=bool)
+    for k in range(3):
+        begin, end, third = corners[k], corners[k - 2], corners[k - 1]
+        along = end - begin
+        share = np.clip((third - begin) @ along / (along @ along), 0.0, 1.0)
+        near[k] = np.linalg.norm(third - begin - share * along) <= tolerance
+    return near
+
+
+def _side_counts(faces: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The number (n, 3) of each side of triangles, and of how many triangles each is a side."""
+    ends = np.sort(np.stack([faces, faces[:, (1, 2, 0)]], axis=2), axis=2).astype(np.int64)
+    keys = ends[..., 0] * (int(faces.max(initial=0)) + 1) + ends[..., 1]
+    _, sides, count = np.unique(keys, return_inverse=True, return_counts=True)
+    return sides.reshape(-1, 3), count
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,7 @@ import pytest
 
 import tledface as tf
 from tledface import checkpoint
+from tledface.energy import EnergyWarning
 from tledface.errors import InputError, SimulationError
 from tledface.schedule import Keyframes
 from tledface.time_step import StepWarning
@@ -135,6 +136,36 @@ def test_a_warning_of_the_step_is_not_given_again_after_a_restart(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error", StepWarning)
         again.step(8)
+
+
+@pytest.mark.parametrize("weigh", ["largest", "turnover"])
+def test_the_ledger_weighs_its_error_by_all_that_passed_before_a_restart(weigh, tmp_path):
+    """The warning of a balance that is off says the same as without a restart.
+
+    Of a swing that damping takes away the largest energy is what the error is weighed by, of one
+    under gravity that nothing takes away it is what went to and fro.
+    """
+    soft = tf.material("neo_hookean", youngs_modulus=34e3, poissons_ratio=0.45, density=1100.0)
+    model = tf.Model.block(cells=(6, 3, 3), size=(0.012, 0.006, 0.006), material=soft)
+    model.fix(lambda X: X[:, 0] == 0.0)
+    damping = 200.0 if weigh == "largest" else 0.0
+    if weigh == "turnover":
+        model.gravity = (0, 0, -9.81)
+    sim = tf.Simulator(
+        model, device="native", precision="double", damping=damping, energy_every=2, dt=1.2e-4
+    )
+    if weigh == "largest":
+        sim.set_state(np.zeros_like(model.nodes), model.nodes[:, [1, 1, 0]] * (0, 0, 3.0))
+    sim.step(14 if weigh == "largest" else 170)
+    sim.checkpoint(tmp_path / "c.h5")
+    told = []
+    for one in (sim, tf.Simulator.restore(tmp_path / "c.h5")):
+        one.step(12)  # the first entries of a ledger warn of nothing
+        one._core.set_state(one.u, 0 * one.velocity, one.time)  # behind the ledger's back
+        with pytest.warns(EnergyWarning, match="the energy balance is off by") as seen:
+            one.step(2)
+        told += [str(warning.message) for warning in seen]
+    assert told[0] == told[1] and len(told) == 2
 
 
 def test_the_model_comes_back(tmp_path):

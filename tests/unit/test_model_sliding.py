@@ -40,6 +40,60 @@ def test_a_triangle_without_area_at_an_open_rim_is_no_surface():
         model.slide(model.nodes[:, 2] < 1e-9, sheet)
 
 
+def rim_with(points, faces):
+    """A sheet below half of a block's bottom, and more at its open rim: x = 2 mm, corners 1, 2."""
+    z = -0.3e-3
+    sheet = [[0, 0, z], [2e-3, 0, z], [2e-3, 4e-3, z], [0, 4e-3, z]]
+    return trimesh.Trimesh(
+        np.concatenate([sheet, np.reshape(points, (-1, 3))]),
+        [[0, 1, 2], [0, 2, 3], *faces],
+        process=False,
+    )
+
+
+def flap(height):
+    """Along the rim, folded up steeply: half of the block, beyond it, is on its other side."""
+    return rim_with([2e-3 + 0.13 * height, 2.3e-3, -0.3e-3 + height], [[1, 4, 2]])
+
+
+def spike(width):
+    """Out from below the rim, askew, 2 mm long."""
+    begin = np.array([2.3e-3, 2.1e-3, -0.7e-3])
+    way, across = np.array([1.9e-3, -0.5e-3, 0.4e-3]), np.array([0.2, 0.9, 0.3]) * width
+    return rim_with([begin, begin + way, begin + 0.6 * way + across], [[4, 5, 6]])
+
+
+@pytest.mark.parametrize("make", [flap, spike])
+@pytest.mark.parametrize("share", [1e-5, 1e-7, 1e-9])
+def test_slivers_at_an_open_rim_leave_a_run_where_it_is(make, share):
+    """In single precision they threw nodes to the other side, or anywhere.
+
+    Those within 1e-4 of a voxel of what they are joined to, and those whose height single
+    precision does not tell from 0, are no surface.
+    """
+    model = tf.Model.block((4, 4, 2), (4e-3, 4e-3, 2e-3), SOFT)
+    bottom = model.nodes[:, 2] < 1e-9
+    of_sheet = model.slide(bottom, rim_with([], []))
+    distance = model.slide(bottom, make(4e-3 * share))
+    sim = tf.Simulator(model, device="native")
+    sim.step(50)
+    assert abs(sim.u).max() < 1e-7
+    if make is flap or share < 1e-6:
+        np.testing.assert_allclose(distance, of_sheet, atol=1e-7)
+
+
+def test_nodes_whose_side_is_for_a_small_flap_to_say_are_refused():
+    """Farther away than it is large, next to nothing decides what is nearest, and so the side."""
+    model = tf.Model.block((4, 4, 2), (4e-3, 4e-3, 2e-3), SOFT)
+    bottom = model.nodes[:, 2] < 1e-9
+    with pytest.raises(InputError, match=r"slide: \d+ of 25 nodes, .* beyond the open rim"):
+        model.slide(bottom, flap(1e-6))
+    model.slide(bottom & (model.nodes[:, 0] < 2e-3), flap(1e-6))  # these are above the sheet
+    sim = tf.Simulator(model, device="native")
+    sim.step(20)
+    assert abs(sim.u).max() < 1e-7
+
+
 def test_slide_from_python_keeps_distances_and_the_last_call_holds():
     model = tf.Model.block((4, 4, 2), (4e-3, 4e-3, 2e-3), SOFT)
     bottom = model.nodes[:, 2] < 1e-9
@@ -132,3 +186,32 @@ def test_files_of_the_version_before_load_and_damage_is_named(tmp_path):
         with pytest.raises(InputError, match=word) as caught:
             tf.Model.load(path)
         assert str(path) in str(caught.value)
+
+
+def test_a_refused_state_of_sliding_nodes_leaves_the_simulator_as_it_was():
+    """It is checked whole before any of it is written: what follows has the same bits."""
+    model = tf.Model.block((4, 4, 2), (4e-3, 4e-3, 2e-3), SOFT)
+    model.slide(lambda X: X[:, 2] < 1e-9, floor(-1e-3))
+    model.gravity = (3.0, 0.0, -9.81)
+    asked, never = (tf.Simulator(model, device="native") for _ in range(2))
+    for sim in (asked, never):
+        sim.step(20)
+    earlier = tf.Simulator(model, device="native")
+    earlier.step(7)
+    raw = earlier._core.raw_state()
+    spoilt = raw["sliding"].copy()
+    spoilt[0] += 2  # another layout
+    raw["levels"] = np.ones_like(raw["levels"])
+    with pytest.raises(InputError, match="levels of subcycling are not those"):
+        asked._core.set_raw_state(**raw)
+    del raw["levels"]
+    for sliding in (raw["sliding"][:-1], spoilt):
+        with pytest.raises(InputError, match="bytes of sliding nodes"):
+            asked._core.set_raw_state(**{**raw, "sliding": sliding, "dt": 2 * raw["dt"]})
+        now, expected = (sim._core.raw_state() for sim in (asked, never))
+        for name, value in expected.items():
+            np.testing.assert_array_equal(now[name], value, err_msg=name)
+    for sim in (asked, never):
+        sim.step(20)
+    assert asked.time == never.time
+    np.testing.assert_array_equal(asked.u, never.u)

@@ -85,6 +85,24 @@ def test_who_takes_which_step_is_by_the_bounds_of_nodes():
     assert sim._core.relative_cost() < 0.6
 
 
+def test_a_step_is_kept_up_to_the_bound_of_its_nodes_and_not_beyond():
+    """Longer ones are taken with room to spare, so that none changes to and fro; but above their
+    bound nodes would be unstable.
+    """
+    model = stiff_in_soft()
+    core = tf.Simulator(model, device="native", subcycling=16)._core
+    bound = 2 / np.sqrt(np.asarray(core.node_squares()))
+    # Of the soft layers in the middle between two sheets: all elements and nodes alike.
+    node = np.argmin(np.linalg.norm(model.nodes - (3e-3, 2.5e-3, 4.5e-3), axis=1))
+    assert core.node_steps()[node] == 16
+    steps = []
+    for share in (0.9, 0.99, 1.01, 0.99, 0.9):
+        core.dt = share * bound[node] / 8
+        core.choose_levels()
+        steps.append(int(core.node_steps()[node]))
+    assert steps == [8, 8, 4, 4, 8]
+
+
 @pytest.mark.parametrize("make", [stiff_in_soft, stiff_corner])
 def test_momentum_is_kept_to_rounding(rows, figure, make):
     sim = moving(16, make, device=rows["device"], kernels="rows")

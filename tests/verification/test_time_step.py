@@ -11,7 +11,7 @@ from tledface import time_step
 from tledface.errors import InputError, SimulationError
 
 
-def true_limit(sim):
+def true_limit(sim, mass=None):
     """2 / sqrt of the largest eigenvalue of M^-1 K, K by central differences of the forces."""
     model = sim.model
     n = model.n_nodes
@@ -27,7 +27,7 @@ def true_limit(sim):
         sim.set_state(base - moved.reshape(n, 3))
         stiffness[:, dof] = (force - sim.internal_force().ravel()) / (2 * step)
     sim.set_state(base)
-    root = np.sqrt(np.repeat(sim.mass, 3))
+    root = np.sqrt(np.repeat(sim.mass if mass is None else mass, 3))
     operator = (stiffness / root[:, None] / root)[np.ix_(free, free)]
     return 2 / np.sqrt(np.linalg.eigvalsh((operator + operator.T) / 2).max())
 
@@ -77,6 +77,28 @@ def check(sim):
 @pytest.mark.parametrize("hourglass", ["physical", "joldes"])
 def test_estimate_is_just_below_the_true_limit(make, hourglass):
     check(tf.Simulator(make(), precision="double", hourglass=hourglass))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_pseudo_masses_put_the_limit_at_a_step_of_one_or_above(name):
+    """They are those of the nodes' bound, which of a single element is the limit itself."""
+    sim = tf.Simulator(MODELS[name](), device="native", precision="double")
+    limit = true_limit(sim, np.asarray(sim._core.relaxation_masses()))
+    assert 1.0 - 1e-6 <= limit <= (1.0 + 1e-6 if name == "one element" else 1.6)
+
+
+def test_a_pseudo_step_moves_nodes_by_force_over_their_pseudo_mass(executor):
+    model = block((4, 3, 3), (4e-3, 3e-3, 3e-3))
+    model.fix(lambda X: X[:, 2] < 1e-9)
+    model.gravity = (1.0, -2.0, 9.81)
+    sim = tf.Simulator(model, precision="double", **executor.kwargs)
+    core, nothing = sim._core, np.zeros((1, 0))
+    mass = np.linspace(1.0, 2.0, model.n_nodes)
+    core.begin_relaxation(mass)
+    core.relax(np.array([[0.0, 1.0, 1.0]]), nothing, nothing, np.empty(0))
+    core.end_relaxation()
+    moved = np.where(model.fixed, 0.0, sim.mass[:, None] * model.gravity / mass[:, None])
+    np.testing.assert_allclose(sim.u, moved, rtol=1e-12)
 
 
 @pytest.mark.parametrize("activation", [0.0, 0.3, 1.0])
