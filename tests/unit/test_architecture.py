@@ -1,4 +1,4 @@
-"""The table of the architecture page is true: what it names exists, and imports point up it only."""
+"""The table of the architecture page is true: what it names exists, imports point up it only."""
 
 import ast
 import re

@@ -166,7 +166,7 @@ def test_verbs_and_options_exist(page):
 def test_every_verb_and_shared_option_is_documented():
     text = (REPOSITORY / "docs/reference/command-line.md").read_text()
     assert set(re.findall(r"^\| `tledface ([a-z]+)", text, re.M)) == set(verbs())
-    params = [p for verb in verbs().values() for p in verb.params if not getattr(p, "hidden", False)]
+    params = [p for v in verbs().values() for p in v.params if not getattr(p, "hidden", False)]
     known = {name for p in params for name in p.opts if name.startswith("--")}
     assert {name for name in known if f"`{name}" not in text} == set()
 
