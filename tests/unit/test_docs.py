@@ -56,6 +56,7 @@ TABLES = {
             "material": MATERIAL,
         }
     ],
+    "volumes": [{"name": "galea", "surfaces": ["galea.ply"], "material": MATERIAL}],
     "surfaces": [{"name": "face", "file": "face.obj"}],
     "boundary": {
         "fixed": [{"box": [[0, 0, 0], [1, 1, 1]]}],
@@ -77,6 +78,7 @@ SECTIONS = {
     "`[geometry.labels]`": ("Labels", ("geometry", "labels")),
     "`[[layers]]`": ("Layer", ("layers", 0)),
     "`[[muscles]]`": ("MuscleSpec", ("muscles", 0)),
+    "`[[volumes]]`": ("VolumeSpec", ("volumes", 0)),
     "`[boundary]`": ("Boundary", ("boundary",)),
     "fixed": ("FixedSpec", ("boundary", "fixed", 0)),
     "cuts": ("CutSpec", ("boundary", "cuts", 0)),
