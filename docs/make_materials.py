@@ -16,6 +16,20 @@ scene every stiffness and time carries its unit; numbers in Python are SI. Laws 
 `volumetric` share the volumetric energy `U(J)`: `"log"` (default) is K/4 (J² − 1 − 2 ln J), which
 no element can invert against, `"quadratic"` is K/2 (J − 1)².
 """
+HEAD = ["| parameter | unit | bounds | default | meaning |", "|---|---|---|---|---|"]
+# What goes with another law is no list of numbers, so its header names none.
+MODIFIERS = {
+    "prony": [
+        "| `g` | – | > 0, their sum < 1 | required | share of the stress that relaxes |",
+        "| `tau` | s | > 0 | required | its time |",
+    ],
+    "pretension": [
+        "| `along` | Pa | | required | stress along the line |",
+        "| `across` | Pa | | `0.0` | stress across it, in the skin |",
+        "| `line` | direction | not 0 | required | the line, as a Langer line |",
+        "| `normal` | direction | not 0, at right angles to it | required | the skin's normal |",
+    ],
+}
 
 
 def page() -> str:
@@ -39,7 +53,9 @@ def section(law: Law) -> str:
         "",
     ]
     if law.parameters:
-        lines += ["| parameter | unit | bounds | default | meaning |", "|---|---|---|---|---|"]
+        lines += HEAD
+    if law.modifier:
+        lines += [*HEAD, *MODIFIERS[law.modifier]]
     for p in law.parameters:
         default = "required" if p.default is None else f"`{p.default}`"
         lines.append(f"| `{p.name}` | {p.unit or '–'} | {p.bounds} | {default} | {p.meaning} |")

@@ -42,14 +42,10 @@ _ACTIVATION = 0.3
 class Kernels:
     """What computes the steps.
 
-    Attributes
-    ----------
-    kernels : str
-        ``"gather"`` or ``"tile"``.
-    tile : tuple of int
-        Elements of a tile in x and y, and planes in z at most (0: by the device's units).
-    registers : int
-        Of a work-item at most; 0: what the kernels are made for.
+    Attributes:
+        kernels: ``"gather"`` or ``"tile"``.
+        tile: Elements of a tile in x and y, and planes in z at most (0: by the device's units).
+        registers: Of a work-item at most; 0: what the kernels are made for.
     """
 
     kernels: str

@@ -24,11 +24,16 @@ _PRONY_TERMS = 3
 
 @dataclass(frozen=True)
 class Material:
-    """A law with its parameters (SI).
+    """A law with its parameters, SI; `material` makes one. Equal values are equal materials.
 
-    ``parameters`` holds the law's numbers without the density, ``density`` is in kg/m^3,
-    ``options`` the law's choices by name, ``directions`` unit vectors by name; ``prony`` pairs
-    (share, time in s); ``pretension`` the values of that modifier, or None.
+    Attributes:
+        model: Name of the law.
+        parameters: The law's numbers by name, without the density.
+        density: kg/m3, mass per reference volume.
+        options: The law's choices by name, as ``volumetric``.
+        directions: Unit vectors by name, reference frame.
+        prony: Pairs (share, time in s), or none.
+        pretension: `Pretension`, or None.
     """
 
     model: str
@@ -106,7 +111,12 @@ class Material:
 
 @dataclass(frozen=True)
 class Pretension:
-    """Natural tension: stress along a line and across it within the skin, Pa; unit vectors."""
+    """Natural tension of skin: W = S0 : E, a second Piola-Kirchhoff stress that stays.
+
+    Attributes:
+        along, across: Pa, along the line and across it within the skin.
+        line, normal: Unit vectors at right angles, reference frame.
+    """
 
     along: float
     across: float
@@ -115,11 +125,19 @@ class Pretension:
 
 
 def material(model: str, **params: object) -> Material:
-    """A material by the name of its law, SI numbers (text with units is taken too).
+    """A material by the name of its law.
+
+    Args:
+        model: Name of the law, a key of `materials`.
+        **params: The law's parameters, SI numbers or text with units (``"34 kPa"``), its directions
+            and options, ``density``; ``prony`` and ``pretension`` where wanted:
+            docs/reference/materials.md has them all with units, bounds and sources.
+
+    Raises:
+        InputError: unknown law or parameter (the nearest known one is named), a parameter missing
+            or out of its bounds.
 
     Example: ``material("neo_hookean", youngs_modulus=34e3, poissons_ratio=0.49, density=1100.0)``.
-    Raises InputError: unknown law or parameter (the nearest known one is named), a parameter
-    missing or out of its bounds.
     """
     return _checked({"model": model, **params}, bare_si=True)
 

@@ -27,30 +27,18 @@ _core.set_kernel_folder(str(Path(_core.__file__).parent / "kernels_cl"))
 class Device:
     """One device of this machine.
 
-    Attributes
-    ----------
-    id : str
-        What ``device=`` takes: ``"native"``, ``"opencl:0"``, …
-    name : str
-        As the driver gives it.
-    kind : str
-        ``"native"``, ``"cpu"``, ``"gpu"`` or ``"accelerator"``.
-    works : bool
-        A probe kernel compiled, ran and gave the right numbers.
-    reason : str
-        Why it does not work; empty where it does.
-    platform : str
-        OpenCL platform and version; the instruction set for the native device.
-    driver : str
-        Driver version.
-    has_double : bool
-        ``precision="double"`` is possible.
-    compute_units : int
-        Cores or multiprocessors.
-    memory_bytes : int
-        Memory of the device in bytes.
-    command_buffers : bool
-        Launches can be recorded and replayed: a trial gave the right bits.
+    Attributes:
+        id: What ``device=`` takes: ``"native"``, ``"opencl:0"``, …
+        name: As the driver gives it.
+        kind: ``"native"``, ``"cpu"``, ``"gpu"`` or ``"accelerator"``.
+        works: A probe kernel compiled, ran and gave the right numbers.
+        reason: Why it does not work; empty where it does.
+        platform: OpenCL platform and version; the instruction set for the native device.
+        driver: Driver version.
+        has_double: ``precision="double"`` is possible.
+        compute_units: Cores or multiprocessors.
+        memory_bytes: Memory of the device in bytes.
+        command_buffers: Launches can be recorded and replayed: a trial gave the right bits.
     """
 
     id: str
@@ -71,10 +59,8 @@ def devices() -> list[Device]:
 
     The first call compiles the probe kernels, which can take seconds; later ones are free.
 
-    Returns
-    -------
-    list of Device
-        Devices that do not work are listed too, with the reason.
+    Returns:
+        Devices; those that do not work are listed too, with the reason.
     """
     _find_opencl()
     return [_describe(info) for info in _core.all_devices()]
@@ -83,16 +69,13 @@ def devices() -> list[Device]:
 def resolve(device: Any = None) -> _core.Device:
     """Open what a caller gave as ``device=``.
 
-    Parameters
-    ----------
-    device : None, str, Device or pyopencl.Device
-        None and ``"auto"``: a GPU that works, else native. ``"opencl"``: the first OpenCL device
-        that works, GPUs first.
+    Args:
+        device: None and ``"auto"``: a GPU that works, else native. ``"native"``, ``"opencl:N"``.
+            ``"opencl"``: the first OpenCL device that works, GPUs first. A `Device` or a
+            ``pyopencl.Device``.
 
-    Raises
-    ------
-    InputError
-        No such device, or one that does not work (with the reason).
+    Raises:
+        InputError: no such device, or one that does not work (with the reason).
     """
     if isinstance(device, _core.Device):
         return device
@@ -118,15 +101,11 @@ def pyopencl_queue(device: _core.Device) -> pyopencl.CommandQueue:
 
     The queue is in order: what pyopencl enqueues on it runs after everything tledface has enqueued.
 
-    Parameters
-    ----------
-    device : _core.Device
-        An open OpenCL device.
+    Args:
+        device: An open OpenCL device.
 
-    Raises
-    ------
-    InputError
-        The device is not an OpenCL one, or pyopencl is not installed.
+    Raises:
+        InputError: the device is not an OpenCL one, or pyopencl is not installed.
     """
     if device.opencl_queue is None:
         raise InputError(

@@ -31,13 +31,11 @@ _VARIABLES = (
 def report() -> dict[str, Any]:
     """Versions, machine, OpenCL library and every device, as plain values for JSON.
 
-    Returns
-    -------
-    dict
+    Returns:
         ``tledface``, ``python``, ``system``, ``compiler`` (str), ``threads`` (int), ``packages``
         (name to version, None where not installed), ``environment`` (variables that are set and
         matter), ``opencl_library`` (str) and ``devices`` (list of dict with the fields of
-        :class:`tledface.device.Device`).
+        `tledface.device.Device`).
     """
     listed = devices()
     return {

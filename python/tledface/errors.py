@@ -4,6 +4,13 @@ from tledface._core import InputError, SimulationError
 
 __all__ = ["InputError", "SimulationError", "shown"]
 
+InputError.__doc__ = (
+    "Bad input, a ValueError: what it is, what was got, what is allowed, what to do."
+)
+SimulationError.__doc__ = (
+    "A simulation that cannot go on: its state is not finite, its device fails."
+)
+
 _LONGEST = 60
 
 

@@ -148,9 +148,17 @@ def wrinkles(
 
 
 def detail(heights: ArrayLike, spacing: float, *, shape_wavelength: float | None = None) -> Floats:
-    """Return heights less the shape that `wrinkles` removes, same arguments, same form.
+    """Return heights less the shape that `wrinkles` removes.
 
-    Of a line with NaN only the longest finite stretch is kept, the rest is NaN.
+    Args:
+        heights, spacing, shape_wavelength: As for `wrinkles`.
+
+    Returns:
+        m, of the shape of ``heights``. Of a line with NaN only the longest finite stretch is kept,
+        the rest is NaN.
+
+    Raises:
+        InputError: as `wrinkles`.
     """
     patch, window = _checked_lines(heights, spacing, shape_wavelength)
     result = np.full(patch.shape, np.nan)

@@ -76,6 +76,9 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
         sliding: nodes that slide on surfaces, see `slide`.
         groups: which nodes the entries of a scene's ``[boundary]`` bind, and why.
         report: what the build of a scene found and left out; empty for other models.
+
+    Raises:
+        InputError: arrays that are no model, as for `from_voxels`.
     """
 
     # Elements are hexahedra of any shape (tledface.conforming) instead of voxels.
@@ -360,8 +363,9 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
 
         Args:
             name: Distinct name, used to activate the muscle.
-            where: (n_elem,) bool, or a function of the centres (n_elem, 3) that returns it.
-            fibre: (3,), (m, 3) for the m selected elements, or (n_elem, 3); any length above 0.
+            where: (n_elem,) bool, or a function of the centres (n_elem, 3) m that returns it.
+            fibre: Direction, reference frame, any length above 0: (3,), (m, 3) for the m selected
+                elements, or (n_elem, 3).
             sigma_act: Reference stress of the active tension, Pa, 0 to 1e15.
             sigma_pas: Reference stress of the passive tension, Pa; None: ``sigma_act``.
             lambda_opt: Stretch of the greatest active tension, 0.1 to 10.
@@ -418,14 +422,26 @@ class Model(TissuesMixin, ConditionsMixin, DirectionsMixin):
         return muscle
 
     def save(self, path: str | Path) -> None:
-        """Write the model to an HDF5 file; see `tledface.io.model_file` for the layout."""
+        """Write the model to an HDF5 file; docs/reference/model-file.md has the layout.
+
+        Args:
+            path: The file; an existing one is replaced once the new one is complete.
+
+        Raises:
+            InputError: no such folder, it is not writable, or a condition is a callable, which no
+                file can hold.
+            OSError: the disk is full; an earlier file of that name stays whole.
+        """
         from tledface.io.model_file import save_model
 
         save_model(self, path)
 
     @classmethod
     def load(cls, path: str | Path) -> Model:
-        """Read a model written by `save`.
+        """Read a model written by `save`, bit for bit.
+
+        Args:
+            path: The file; one of ``tledface build`` does as well.
 
         Raises:
             InputError: no such file, not a tledface model, an unknown version, or damaged.

@@ -93,6 +93,14 @@ def model_pictures(
 def tissue_picture(path: str | Path, model: Model, *, view: str = "front") -> Path:
     """Write a PNG of the tissues: muscles through the skin, and the tissue seen from behind.
 
+    Args:
+        path: A name ending in .png; replaced when complete.
+        model: A voxel model.
+        view: A name of ``VIEWS``.
+
+    Returns:
+        The path.
+
     Raises:
         InputError: an unknown view, no such folder.
     """
@@ -134,6 +142,14 @@ def boundary_picture(path: str | Path, model: Model, *, view: str = "front") -> 
     """Write a PNG of the outermost nodes that are held or slide, from a view and from behind.
 
     Nodes that voxels hide are faint.
+
+    Args:
+        path: A name ending in .png; replaced when complete.
+        model: A voxel model.
+        view: A name of ``VIEWS``.
+
+    Returns:
+        The path.
 
     Raises:
         InputError: an unknown view, no such folder.

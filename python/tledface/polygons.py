@@ -30,7 +30,8 @@ class Labels:
 
 @dataclass(frozen=True, eq=False)
 class Polygons:
-    """Polygons of any number of corners; make one with `Polygons.checked`.
+    """Polygons of any number of corners; make one with `Polygons.of_triangles`, or read
+    it with `tledface.geometry.read_polygons`.
 
     Attributes:
         sizes: (n_polygons,) int32, corners of each.

@@ -76,10 +76,21 @@ def run_scene(
     and its checkpoints (``[output] checkpoint_every``) for `resume_run`. While it lasts other
     processes are refused the folder, with ``force`` too.
 
-    Arguments: ``device`` as for ``Simulator``; ``force`` replaces an earlier run in ``out_dir``;
-    ``model``, the scene's model where it is built already; ``about``, more for ``run.json``.
-    Raises InputError (scene, surfaces, device, folder) and SimulationError (a state that is not
-    finite).
+    Args:
+        scene: The scene.
+        out_dir: The folder: new, empty, or of an earlier run.
+        device: As for `Simulator`.
+        quiet: No progress on standard error.
+        force: Replace an earlier run in ``out_dir``.
+        model: The scene's model where it is built already.
+        about: More for ``run.json``.
+
+    Returns:
+        `RunResult`.
+
+    Raises:
+        InputError: scene, surfaces, device, folder, room on the disk.
+        SimulationError: the state is no longer finite.
     """
     folder = OutputFolder(out_dir, force=force)
     sim = prepared(scene, folder, device_module.resolve(device), quiet=quiet, model=model)
@@ -126,11 +137,17 @@ def resume_run(directory: str | Path, *, device: Any = None, quiet: bool = False
 
     Frames up to the checkpoint stay, later ones are computed again.
 
-    Arguments: ``device``, None for the one the run was on; another one is allowed, with a warning:
-    the end then is not the same bit for bit. A checkpoint that is damaged is a warning, and the
-    one before it is taken.
-    Raises InputError (no run, one that is finished or still going on, no checkpoint, no such
-    device) and SimulationError (a state that is not finite).
+    Args:
+        directory: The folder of the run.
+        device: None for the one the run was on; another one is allowed, with a warning: the end
+            then is not the same bit for bit.
+        quiet: No progress on standard error.
+
+    A checkpoint that is damaged is a warning, and the one before it is taken.
+
+    Raises:
+        InputError: no run, one that is finished or still going on, no checkpoint, no such device.
+        SimulationError: the state is no longer finite.
     """
     _unfinished(directory)
     folder = OutputFolder(directory, force=True)

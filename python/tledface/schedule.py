@@ -159,9 +159,20 @@ class Function:
 def ramp(
     start: float, end: float, over: float, begin: float = 0.0, *, shape: str = "linear"
 ) -> Ramp:
-    """A ramp of activation: ``start`` to ``end`` (0..1) within ``over`` s, from ``begin`` s on.
+    """A ramp of activation over time, level before and after.
 
-    Raises InputError: a level outside 0..1, ``over`` not above 0.
+    Args:
+        start, end: Activation before and after, 0 to 1.
+        over: How long the change takes, s.
+        begin: When it starts, s.
+        shape: ``"linear"``, or ``"cosine"``: half a cosine wave, no jump in speed at either end.
+
+    Returns:
+        `Ramp`, a callable of t in s.
+
+    Raises:
+        InputError: a level outside 0..1, ``over`` not above 0, an unknown shape.
+
     Example: ``ramp(0, 0.75, 0.05)(0.025)`` is 0.375.
     """
     return Ramp(start, end, over, begin, shape)

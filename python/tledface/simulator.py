@@ -57,6 +57,10 @@ _KAPPA = 0.075
 class Simulator(Results):
     """Explicit total Lagrangian simulation of a model.
 
+    Central differences with lumped mass and mass-proportional damping, one integration point an
+    element; equations and sources are in docs/explanation/solver.md (Warburton & Maddock 2014,
+    section 5; hourglass control: docs/explanation/hourglass.md).
+
     Args:
         model: The model; it is copied to the device, later changes to it are not seen.
         device: ``"auto"`` (a working GPU, else native), ``"native"``, ``"opencl"``,
@@ -241,7 +245,12 @@ class Simulator(Results):
     # -- driving ---------------------------------------------------------------------------------
 
     def activate(self, muscle: str, activation: float | Callable[[float], float]) -> None:
-        """Set a muscle's activation: a number 0..1, `tledface.ramp`, keyframes or callable(t).
+        """Set a muscle's activation from now on; it is 0 until then.
+
+        Args:
+            muscle: Its name.
+            activation: A number 0..1, `tledface.ramp`, ``tledface.schedule.Keyframes``, or a
+                callable of the time in s (`playback_time`) that gives 0..1.
 
         Raises:
             InputError: no muscle of that name, or a value outside 0..1.
@@ -255,7 +264,11 @@ class Simulator(Results):
     def step(self, n: int = 1) -> None:
         """Advance ``n`` steps of `dt`; the activations are those at each step's start.
 
+        Args:
+            n: Number of steps, 0 or more.
+
         Raises:
+            InputError: ``n`` is no such number, or a callable gave what is not allowed.
             SimulationError: the state is no longer finite.
         """
         if not (isinstance(n, (int, np.integer)) and n >= 0):
@@ -454,7 +467,14 @@ class Simulator(Results):
     def set_state(
         self, u: ArrayLike, velocity: ArrayLike | None = None, *, time: float = 0.0
     ) -> None:
-        """Start again from a displacement (n_nodes, 3) m and velocity (n_nodes, 3) m/s, or rest.
+        """Start again from a given state.
+
+        Args:
+            u: (n_nodes, 3) m, displacement. Fixed components keep what it gives.
+            velocity: (n_nodes, 3) m/s, of this moment; None: rest.
+            time: Simulated time of the state, s.
+
+        What laws and sliding nodes keep of their past is forgotten, the ledger begins anew.
 
         Raises:
             InputError: wrong shape, values or a time that are not finite numbers.
@@ -484,7 +504,11 @@ class Simulator(Results):
         """Write model, options, schedules and state to an HDF5 file, for `restore`.
 
         A callable activation is named in the file, not stored. The model must be the one that was
-        simulated: leave it alone after making the simulator.
+        simulated: leave it alone after making the simulator. docs/reference/checkpoint-file.md has
+        the layout.
+
+        Args:
+            path: The file; an existing one is replaced once the new one is complete and on disk.
 
         Raises:
             InputError: no such folder, it is not writable, or the model has a callable that no file

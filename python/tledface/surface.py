@@ -176,6 +176,9 @@ class BoundSurface:
 
         Outside its element a vertex has the value of the nearest place in it, and what the gradient
         there adds.
+
+        Raises:
+            InputError: another shape, or fewer nodes than the surface is bound to.
         """
         values = np.asarray(field)
         if values.ndim != 2 or values.shape[1] != 3:
@@ -201,6 +204,9 @@ class BoundSurface:
             (nv,), NaN for vertices that stay at rest. The mean over those elements that carry a
             vertex and meet at a node, interpolated from the nodes to the vertex: smooth along the
             surface, and only of what lies right under it.
+
+        Raises:
+            InputError: another shape, or fewer elements than the surface is bound to.
         """
         values = np.asarray(field, dtype=np.float64)
         if values.ndim != 1 or (self.element.size and self.element.max() >= len(values)):
@@ -226,6 +232,9 @@ class BoundSurface:
 
         Returns:
             (nv, 3) m; exactly the rest positions where ``u`` is zero.
+
+        Raises:
+            InputError: another shape, or fewer nodes than the surface is bound to.
         """
         moved = self.interpolate(u)
         if self._outside.size:

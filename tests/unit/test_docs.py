@@ -2,10 +2,12 @@
 
 import contextlib
 import copy
+import inspect
 import io
 import re
 import shutil
 import tomllib
+from dataclasses import is_dataclass
 from pathlib import Path
 
 import pytest
@@ -17,6 +19,8 @@ from tledface.cli import app
 from tledface.constitutive import materials
 from tledface.examples import flat_block
 from tledface.fibre_kinds import KINDS
+from tledface.folds import Folds
+from tledface.run_result import RunResult
 from tledface.scene import Scene
 
 REPOSITORY = Path(__file__).parents[2]
@@ -52,6 +56,7 @@ TABLES = {
             "material": MATERIAL,
         }
     ],
+    "volumes": [{"name": "galea", "surfaces": ["galea.ply"], "material": MATERIAL}],
     "surfaces": [{"name": "face", "file": "face.obj"}],
     "boundary": {
         "fixed": [{"box": [[0, 0, 0], [1, 1, 1]]}],
@@ -73,6 +78,7 @@ SECTIONS = {
     "`[geometry.labels]`": ("Labels", ("geometry", "labels")),
     "`[[layers]]`": ("Layer", ("layers", 0)),
     "`[[muscles]]`": ("MuscleSpec", ("muscles", 0)),
+    "`[[volumes]]`": ("VolumeSpec", ("volumes", 0)),
     "`[boundary]`": ("Boundary", ("boundary",)),
     "fixed": ("FixedSpec", ("boundary", "fixed", 0)),
     "cuts": ("CutSpec", ("boundary", "cuts", 0)),
@@ -166,8 +172,9 @@ def test_verbs_and_options_exist(page):
 def test_every_verb_and_shared_option_is_documented():
     text = (REPOSITORY / "docs/reference/command-line.md").read_text()
     assert set(re.findall(r"^\| `tledface ([a-z]+)", text, re.M)) == set(verbs())
-    known = {name for verb in verbs().values() for p in verb.params for name in p.opts}
-    assert set(re.findall(r"^\| `(--[a-z]+)`", text, re.M)) <= known
+    params = [p for v in verbs().values() for p in v.params if not getattr(p, "hidden", False)]
+    known = {name for p in params for name in p.opts if name.startswith("--")}
+    assert {name for name in known if f"`{name}" not in text} == set()
 
 
 def test_environment_variables_are_documented():
@@ -234,6 +241,56 @@ def test_python_names_exist_and_are_documented():
         model = tf.Model.block((1, 1, 1), (1.0, 1.0, 1.0), tf.material(**MATERIAL))
         thing = model if owner is tf.Model else tf.Simulator(model, device="native")
         assert all(hasattr(thing, name) for name in names - {"Simulator"}), names
+
+
+def public_functions():
+    """Functions and methods behind the names of the package, with the docstring they are under."""
+    for name in set(tf.__all__) - {"__version__"}:
+        thing = getattr(tf, name)
+        if inspect.isfunction(thing):
+            yield pytest.param(thing, inspect.getdoc(thing), id=name)
+        if inspect.ismodule(thing):
+            for inner in map(vars(thing).get, thing.__all__):
+                if inspect.isfunction(inner):
+                    yield pytest.param(inner, inspect.getdoc(inner), id=f"{name}.{inner.__name__}")
+        if not inspect.isclass(thing):
+            continue
+        for owner in thing.__mro__:
+            for key, value in vars(owner).items():
+                function = getattr(value, "__func__", value)
+                own = owner.__module__.startswith("tledface") and inspect.isfunction(function)
+                if own and key == "__init__" and owner is thing and not is_dataclass(thing):
+                    yield pytest.param(function, inspect.getdoc(thing), id=name)
+                elif own and not key.startswith("_"):
+                    yield pytest.param(function, inspect.getdoc(function), id=f"{name}.{key}")
+
+
+@pytest.mark.parametrize(("function", "text"), [*public_functions()])
+def test_public_docstrings_name_their_arguments(function, text):
+    assert text
+    source = inspect.getsource(function)
+    if "raise InputError" in source:
+        assert "InputError" in text
+    for name, parameter in inspect.signature(function).parameters.items():
+        if name not in ("self", "cls") and parameter.kind is not parameter.VAR_KEYWORD:
+            assert re.search(rf"\b{name}\b", text), name
+
+
+def test_public_names_have_docstrings_of_their_own():
+    for name in set(tf.__all__) - {"__version__"}:
+        thing = getattr(tf, name)
+        assert thing.__doc__, name
+        if inspect.isclass(thing):
+            assert thing.__doc__ not in {base.__doc__ for base in thing.__mro__[1:]}, name
+
+
+def test_figures_of_a_run_are_documented():
+    text = (REPOSITORY / "docs/reference/run-folder.md").read_text()
+    for part, made in ((0, RunResult), (1, Folds)):
+        keys = re.findall(r'^ +"(\w+)":', inspect.getsource(made.to_dict), re.M)
+        rows = re.findall(r"^\| (`.*)", text.split("| key of `result` |")[1], re.M)
+        found = {key for row in rows for key in re.findall(r"`(\w+)`", row.split(" | ")[part])}
+        assert len(keys) > 5 and set(keys) <= found, set(keys) - found
 
 
 # -- the scene file ------------------------------------------------------------------------------

@@ -30,6 +30,11 @@ MODEL_ENDINGS = (".h5", ".hdf5")
 class Scene(SceneTables):
     """A checked scene, all values SI: what to build and how to run it.
 
+    Its attributes are the tables of the file (``geometry``, ``layers``, ``muscles``, ``volumes``,
+    ``surfaces``, ``boundary``, ``solver``, ``output``) with the keys of
+    docs/how-to/scene-file.md: ``scene.solver.damping`` in 1/s, ``scene.muscles[0].activation`` as a
+    callable of t in s. It does not change.
+
     Example: ``Scene.load("brow.toml").build()``.
     """
 
@@ -50,9 +55,13 @@ class Scene(SceneTables):
     def load(cls, path: str | Path) -> Scene:
         """Read a TOML scene file.
 
-        Raises InputError with one line (file, key, what was got, what is allowed): no such file,
-        a file of another kind, TOML syntax, unknown key, missing or bad value, missing unit,
-        missing surface files.
+        Args:
+            path: The file; paths in it are relative to its folder.
+
+        Raises:
+            InputError: one line (file, key, what was got, what is allowed): no such file, a file of
+                another kind, TOML syntax, unknown key, missing or bad value, missing unit, missing
+                surface files.
         """
         path = as_path(path, "scene")
         if other := _not_a_scene(path):
@@ -78,11 +87,16 @@ class Scene(SceneTables):
     def from_dict(
         cls, tables: Mapping[str, Any], base: str | Path = ".", *, check_files: bool = True
     ) -> Scene:
-        """A scene from TOML-like tables; relative paths start at ``base``.
+        """A scene from TOML-like tables.
 
-        Values may also be ``tf.material(...)``, ``tf.ramp(...)``, NumPy numbers and arrays.
-        Surface files must exist unless ``check_files`` is False (a scene whose model is built
-        already). Raises InputError as ``load`` does.
+        Args:
+            tables: The tables of a scene file; values may also be ``tf.material(...)``,
+                ``tf.ramp(...)``, NumPy numbers and arrays.
+            base: Folder that relative paths start at.
+            check_files: Surface files must exist; False for a scene whose model is built already.
+
+        Raises:
+            InputError: as `load`.
         """
         return cls._checked(tables, Path(base), "scene", check_files=check_files)
 
@@ -120,7 +134,11 @@ class Scene(SceneTables):
         }
 
     def build(self) -> Model:
-        """Voxelise the surfaces into a model; raises InputError for unusable surfaces."""
+        """Voxelise the surfaces into a model.
+
+        Raises:
+            InputError: surfaces that cannot be used, nothing kept, more voxels than memory.
+        """
         from tledface.build import build_model
 
         return build_model(self)
