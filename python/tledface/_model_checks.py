@@ -154,7 +154,7 @@ def checked_material(what: str, given: Any) -> Material:
 
 def checked_tissues(tissues: Sequence[str], materials: Sequence[Material]) -> list[str]:
     """Return distinct tissue names, one per material."""
-    names = list(tissues)
+    names = [checked_name("tissue", name) for name in tissues]
     if not names or len(set(names)) != len(names):
         raise InputError(f"tissues: got {names}, need one or more distinct names")
     if len(materials) != len(names):
