@@ -18,12 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from tledface import _core, units
 from tledface import device as device_module
 from tledface._core_model import (
-    check_number,
     checked_field,
     core_model,
     core_sliding,
-    is_number,
 )
+from tledface._model_checks import check_number, is_number
 from tledface._results import Results
 from tledface._serial import serial
 from tledface.autotune import tune, tune_recording
