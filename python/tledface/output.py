@@ -44,6 +44,10 @@ class OutputFolder:
             raise self._taken()
         self._earlier = self._check_files()
         nearest = next(parent for parent in [self.path, *self.path.parents] if parent.exists())
+        if not nearest.is_dir():
+            raise InputError(
+                f"output {self.path}: {nearest} is a file, which holds no folder; give another"
+            )
         if not os.access(nearest, os.W_OK):
             raise InputError(f"output {self.path}: {nearest} is not writable; give another folder")
 
