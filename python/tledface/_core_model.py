@@ -1,10 +1,9 @@
-"""A model as the core takes it, and checks of a simulator's arguments."""
+"""A model as the core takes it, and checks of a simulator's arrays."""
 
 from __future__ import annotations
 
-import math
 import reprlib
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,11 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "HostMemory",
-    "check_number",
     "checked_field",
     "core_model",
     "core_sliding",
-    "is_number",
 ]
 
 
@@ -119,32 +116,6 @@ def core_model(
             printed_passive=muscle.law == "tension_length_printed",
         )
     return core
-
-
-def is_number(value: Any) -> TypeGuard[float]:
-    """Whether a value is a finite number."""
-    number = isinstance(value, (int, float, np.floating, np.integer))
-    try:
-        return number and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # a whole number beyond all floats
-        return False
-
-
-def check_number(
-    name: str,
-    value: float,
-    *,
-    least: float,
-    unit: str,
-    exclusive: bool = False,
-    most: float = math.inf,
-) -> None:
-    """Raise InputError unless ``value`` is a number of at least (or above) ``least``."""
-    if not is_number(value) or not least <= value <= most or (exclusive and value == least):
-        bound = f"above {least:g}" if exclusive else f"{least:g} or more"
-        if math.isfinite(most):
-            bound = f"from {least:g} to {most:g}"
-        raise InputError(f"{name}: got {value!r}; allowed: a number {bound} ({unit})")
 
 
 def checked_field(name: str, values: ArrayLike, shape: tuple[int, int]) -> NDArray[np.float64]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,6 +50,32 @@ def numbers_of(value: object, *shapes: tuple[int, ...]) -> tuple[Floats, str]:
     if fits and np.isfinite(array).all():
         return array, ""
     return array, unlike(array, shape_fits=fits) if array.ndim else shown(value)
+
+
+def is_number(value: Any) -> TypeGuard[float]:
+    """Whether a value is a finite number."""
+    number = isinstance(value, (int, float, np.floating, np.integer))
+    try:
+        return number and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floats
+        return False
+
+
+def check_number(
+    name: str,
+    value: float,
+    *,
+    least: float,
+    unit: str,
+    exclusive: bool = False,
+    most: float = math.inf,
+) -> None:
+    """Raise InputError unless ``value`` is a number of at least (or above) ``least``."""
+    if not is_number(value) or not least <= value <= most or (exclusive and value == least):
+        bound = f"above {least:g}" if exclusive else f"{least:g} or more"
+        if math.isfinite(most):
+            bound = f"from {least:g} to {most:g}"
+        raise InputError(f"{name}: got {value!r}; allowed: a number {bound} ({unit})")
 
 
 def floats(what: str, values: ArrayLike) -> Floats:
@@ -154,7 +181,7 @@ def checked_material(what: str, given: Any) -> Material:
 
 def checked_tissues(tissues: Sequence[str], materials: Sequence[Material]) -> list[str]:
     """Return distinct tissue names, one per material."""
-    names = list(tissues)
+    names = [checked_name("tissue", name) for name in tissues]
     if not names or len(set(names)) != len(names):
         raise InputError(f"tissues: got {names}, need one or more distinct names")
     if len(materials) != len(names):

@@ -81,7 +81,7 @@ def build_model(scene: Scene) -> Model:
         (skin.solid.vertices, outer),
     )
     assembled = time.perf_counter()
-    _bind_surfaces(model, scene, skin)
+    problems += _bind_surfaces(model, scene, skin)
     report: dict[str, Any] = {
         "elements": model.n_elements,
         "nodes": model.n_nodes,
@@ -228,8 +228,11 @@ def _missed(spec: MuscleSpec | VolumeSpec, surfaces: list[SurfaceFile], model: M
     )
 
 
-def _bind_surfaces(model: Model, scene: Scene, skin: SurfaceFile) -> None:
-    """Bind the skin and the scene's other surfaces, vertex for vertex as their files have them."""
+def _bind_surfaces(model: Model, scene: Scene, skin: SurfaceFile) -> list[str]:
+    """Bind the skin and the scene's other surfaces, vertex for vertex as their files have them.
+
+    Returns what a user should know of the skin.
+    """
     geometry, near = scene.geometry, _BIND_REACH * float(model.voxel.max())
     # Without a region, far vertices are parts too thin for the voxels, which go with the body.
     reach = None if geometry.region is None else near
@@ -255,6 +258,14 @@ def _bind_surfaces(model: Model, scene: Scene, skin: SurfaceFile) -> None:
                 "it into the scene's frame, give its units, or a larger reach"
             )
         model.surfaces[spec.name] = bound
+    bound = model.surfaces["skin"]
+    if len(bound.bound_faces):
+        return []
+    return [
+        f"skin {skin.path}: none of its {len(bound.faces):,} faces has all its corners within "
+        f"{1e3 * near:.3g} mm of the tissue, so none moves with it: a run measures no folds, "
+        "and its picture shows the voxels; divide its long faces, or take a larger region"
+    ]
 
 
 def _show_box(box: Floats) -> str:

@@ -34,6 +34,7 @@ _BATCH = 50
 class Check:
     """Counts, sizes (bytes), times (s) of a scene on a device.
 
+    ``size_m`` is the extent of the voxels along each axis, ``voxel_m`` that of one (m);
     ``tissues`` and ``muscles`` count the voxels that hold some of each, ``boundary`` is the report
     on what binds nodes, ``surfaces`` counts the vertices of each that move with the tissue, and
     all; ``geometry`` is the part of the model's report about its volumes (m3); ``memory_bytes`` is
@@ -43,6 +44,8 @@ class Check:
     scene: str
     elements: int
     nodes: int
+    size_m: list[float]
+    voxel_m: list[float]
     tissues: dict[str, int]
     muscles: dict[str, int]
     fixed_nodes: int
@@ -75,6 +78,7 @@ class Check:
         return "\n".join(
             [
                 f"scene      {self.scene}: valid",
+                f"size       {_extent(self.size_m)} mm, in voxels of {_extent(self.voxel_m)} mm",
                 f"voxels     {self.elements:,}; {self.dropped_voxels:,} loose ones left out",
                 *(f"{label:<10} {text}" for label, text in geometry_lines(self.geometry)),
                 f"nodes      {self.nodes:,}, {self.fixed_nodes:,} of them held"
@@ -94,6 +98,11 @@ class Check:
 
     def _bound_lines(self) -> list[str]:
         return boundary_text(self.boundary) if self.boundary else []
+
+
+def _extent(sides: list[float]) -> str:
+    """Lengths (m) in mm."""
+    return " x ".join(f"{1e3 * side:.4g}" for side in sides)
 
 
 def check_scene(
@@ -125,6 +134,8 @@ def check_scene(
         scene=name or str(scene.path or "scene"),
         elements=model.n_elements,
         nodes=model.n_nodes,
+        size_m=np.ptp(model.nodes, axis=0).tolist(),
+        voxel_m=model.voxel.tolist(),
         tissues={name: int(n) for name, n in zip(model.tissues, holding, strict=True)},
         muscles={muscle.name: len(muscle.elements) for muscle in model.muscles},
         fixed_nodes=int(model.fixed.any(axis=1).sum()),

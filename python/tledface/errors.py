@@ -1,8 +1,11 @@
 """The two errors that reach a user; each message is one complete line."""
 
+import shlex
+from pathlib import Path
+
 from tledface._core import InputError, SimulationError
 
-__all__ = ["InputError", "SimulationError", "shown"]
+__all__ = ["InputError", "SimulationError", "in_shell", "shown"]
 
 InputError.__doc__ = (
     "Bad input, a ValueError: what it is, what was got, what is allowed, what to do."
@@ -21,3 +24,11 @@ def shown(value: object) -> str:
         return f"an array of shape {shape}"
     text = " ".join(repr(value).split())
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+def in_shell(path: str | Path) -> str:
+    """A path as a word of a command that a message tells, quoted where a shell would split it."""
+    text = str(path)
+    # shlex takes letters beyond ASCII for unsafe, which no shell does.
+    plain = "".join(c if c.isascii() or not c.isalnum() else "a" for c in text)
+    return text if shlex.quote(plain) == plain else shlex.quote(text)

@@ -83,7 +83,9 @@ def measure_folds(
     strengths: Mapping[str, float],
     outer: Boxes | None = None,
 ) -> Folds | None:
-    """Measure the folds over the strongest muscle; None if no muscle pulls, or along no length.
+    """Measure the folds over the strongest muscle.
+
+    None if no muscle pulls, or along no length, or if no face of the surface moves.
 
     Arguments: ``surface``, a name in ``model.surfaces``; ``u`` (n_nodes, 3) m; ``strengths``,
     active stress (Pa) by muscle name; ``outer``, boxes (low, high corner, m) that hold the outer
@@ -94,6 +96,8 @@ def measure_folds(
         return None
     muscle = max(pulling, key=lambda m: strengths[m.name] * float(m.weight.sum()))
     bound = model.surfaces[surface]
+    if not len(bound.bound_faces):
+        return None
     faces = bound.bound_faces
     centres = model.centres[muscle.elements]
     up = _outward(bound.vertices, faces, centres, outer)

@@ -15,7 +15,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface._model_checks import checked_faces, checked_points, vector
+from tledface._model_checks import (
+    check_number,
+    checked_faces,
+    checked_points,
+    floats,
+    is_number,
+    vector,
+)
 from tledface.errors import InputError
 from tledface.raster import rasterise, view_axes
 
@@ -34,6 +41,7 @@ Floats = NDArray[np.float64]
 # m; lower ridges are the grain of a surface's triangles.
 MIN_PROMINENCE = 5e-5
 _MIN_SAMPLES = 7
+_MOST_SAMPLES = 1e8
 # m; wrinkles of skin are closer together, the features of a face further apart.
 _SHAPE_WAVELENGTH = 0.02
 _SHAPE_SHARE = 1.0 / 3.0
@@ -114,14 +122,18 @@ def wrinkles(
         relative_prominence: and at least this share of the line's most prominent ridge.
 
     Raises:
-        InputError: wrong dimensions, no line, fewer than 7 samples, or a spacing that is not
-            positive or too coarse for the shape's wavelength.
+        InputError: wrong dimensions, no line, fewer than 7 samples, a spacing that is not
+            positive or too coarse for the shape's wavelength, or a prominence out of range.
 
     A ridge is a local maximum of heights less shape, inside the line and with a valley inside
     the line on one side at least. Prominence is the ridge's height above the higher of the two
     lowest points that separate it from higher ground or from the end of the line.
     """
     patch, window = _checked_lines(heights, spacing, shape_wavelength)
+    check_number("wrinkles: min_prominence", min_prominence, least=0.0, unit="m")
+    check_number(
+        "wrinkles: relative_prominence", relative_prominence, least=0.0, most=1.0, unit="a share"
+    )
     positions, amplitudes, whole = [], [], []
     for line in patch:
         start, stop = _longest_finite(line)
@@ -197,7 +209,7 @@ def height_map(
     used = seen[np.unique(triangles)]
     low = used[:, :2].min(axis=0)
     span = used[:, :2].max(axis=0) - low
-    if not (np.isfinite(spacing) and spacing > 0.0) or (span / spacing + 1).prod() > 1e8:
+    if not (is_number(spacing) and spacing > 0.0) or (span / spacing + 1).prod() > _MOST_SAMPLES:
         raise InputError(
             f"height map: spacing {spacing!r} m over {span[0]:.4g} by {span[1]:.4g} m; "
             "must be above 0 and give at most 10^8 samples"
@@ -231,7 +243,8 @@ def line_profile(
         distance along the line and height, (n,) m each; NaN where there is no surface.
 
     Raises:
-        InputError: no faces, a line without length, a spacing that is not positive.
+        InputError: no faces, a line without length, a spacing that is not positive or gives over
+            10^8 samples.
 
     Exact: triangles are cut by the plane of the line and the heights.
     """
@@ -245,10 +258,12 @@ def line_profile(
     upward /= float(np.linalg.norm(upward))
     along: Floats = last - first - ((last - first) @ upward) * upward
     length = float(np.linalg.norm(along))
-    if not length > 0.0 or not (np.isfinite(spacing) and 0.0 < spacing <= length):
+    fits = is_number(spacing) and length / _MOST_SAMPLES <= spacing <= length
+    if not length > 0.0 or not fits:
         raise InputError(
             f"line profile: spacing {spacing!r} m on a line of {length:.4g} m; the line needs a "
-            "length across the direction and the spacing must be above 0 and below it"
+            "length across the direction, and the spacing must be above 0, at most that length, "
+            "and give at most 10^8 samples"
         )
     along /= length
     across = np.cross(upward, along)
@@ -290,7 +305,7 @@ def _checked_lines(
     heights: ArrayLike, spacing: float, shape_wavelength: float | None
 ) -> tuple[Floats, float]:
     """Heights as lines (lines, n), and the standard deviation of the window in samples."""
-    patch = np.asarray(heights, dtype=np.float64)
+    patch = floats("wrinkles: heights", heights)
     if patch.ndim not in (1, 2) or patch.shape[-1] < _MIN_SAMPLES:
         raise InputError(
             f"wrinkles: heights have shape {patch.shape}, need (n,) or (lines, n) with n of at "
@@ -299,8 +314,10 @@ def _checked_lines(
     if not len(patch):
         raise InputError(f"wrinkles: heights have shape {patch.shape}, need one line at least")
     for name, value in (("spacing", spacing), ("shape_wavelength", shape_wavelength)):
-        if value is not None and not (np.isfinite(value) and value > 0.0):
-            raise InputError(f"wrinkles: {name} must be above 0, got {value!r}")
+        if value is None and name != "spacing":
+            continue
+        if not (is_number(value) and value > 0.0):
+            raise InputError(f"wrinkles: {name} must be metres above 0, got {value!r}")
     wavelength = shape_wavelength or min(
         patch.shape[-1] * spacing * _SHAPE_SHARE, _SHAPE_WAVELENGTH
     )

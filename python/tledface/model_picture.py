@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tledface.cut_picture import cut_picture
 from tledface.errors import InputError
-from tledface.io._atomic import atomic_path, check_folder
+from tledface.io._atomic import atomic_path, check_new_folder
 from tledface.picture import round_length
 from tledface.surface import boundary_faces
 from tledface.tissue_colours import INK, NODE_COLOURS, node_kinds, tissue_colours
@@ -74,7 +74,7 @@ def model_pictures(
     if cuts is None:
         middle = 0.5 * (model.nodes[:, 0].min() + model.nodes[:, 0].max())
         cuts = [("x", float(middle))]
-    check_folder(folder, "pictures")
+    check_new_folder(folder, "pictures")
     folder.mkdir(exist_ok=True)
     files = []
     for view in chosen:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tledface._model_checks import numbers_of
+from tledface._model_checks import is_number, numbers_of
 from tledface.errors import InputError
 from tledface.schedule import Constant, Keyframes, Ramp, Schedule, as_schedule
 
@@ -50,7 +50,10 @@ class RigidMotion:
     def __post_init__(self) -> None:
         """Check everything and take the share for a schedule."""
         for name in ("about", "axis", "shift"):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
+            try:
+                value = np.asarray(getattr(self, name), dtype=np.float64)
+            except (TypeError, ValueError):
+                value = np.empty(0)
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise InputError(
                     f"motion {name}: got {getattr(self, name)!r}; allowed: three finite numbers"
@@ -58,8 +61,9 @@ class RigidMotion:
             object.__setattr__(self, name, tuple(value.tolist()))
         if not any(self.axis):
             raise InputError("motion axis: got (0, 0, 0); allowed: a direction")
-        if not (isinstance(self.angle, (int, float)) and math.isfinite(self.angle)):
+        if not is_number(self.angle):
             raise InputError(f"motion angle: got {self.angle!r}; allowed: finite radians")
+        object.__setattr__(self, "angle", float(self.angle))
         object.__setattr__(self, "share", as_schedule(self.share))
 
     @property

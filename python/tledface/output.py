@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tledface.errors import InputError
+from tledface.errors import InputError, in_shell
 from tledface.io import _lock
 from tledface.io._atomic import atomic_path
 
@@ -44,6 +44,10 @@ class OutputFolder:
             raise self._taken()
         self._earlier = self._check_files()
         nearest = next(parent for parent in [self.path, *self.path.parents] if parent.exists())
+        if not nearest.is_dir():
+            raise InputError(
+                f"output {self.path}: {nearest} is a file, which holds no folder; give another"
+            )
         if not os.access(nearest, os.W_OK):
             raise InputError(f"output {self.path}: {nearest} is not writable; give another folder")
 
@@ -100,10 +104,7 @@ class OutputFolder:
                     "that is new or empty"
                 )
             if not self._force:
-                raise InputError(
-                    f"output {self.path}: holds an earlier run; --force replaces it, or give "
-                    "another folder"
-                )
+                raise InputError(f"output {self.path}: {_earlier_text(self.path, earlier)}")
         return earlier
 
     def begin(self, about: dict[str, Any], files: Sequence[str] = ()) -> None:
@@ -124,6 +125,17 @@ class OutputFolder:
                 json.dumps({"tledface": version("tledface"), **about}, indent=2) + "\n",
                 encoding="utf-8",
             )
+
+
+def _earlier_text(path: Path, earlier: dict[str, Any]) -> str:
+    from tledface.run_checkpoints import any_in
+
+    if earlier.get("state") != "finished" and any_in(path):
+        return (
+            f"holds an unfinished run; `tledface resume {in_shell(path)}` goes on, --force starts "
+            "again, or give another folder"
+        )
+    return "holds an earlier run; --force replaces it, or give another folder"
 
 
 def earlier_run(path: Path) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import math
 import time
+import tomllib
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -20,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tledface import device as device_module
-from tledface.errors import InputError, SimulationError
+from tledface.errors import InputError, SimulationError, in_shell
 from tledface.frame_plan import require_room, reserved_frames
 from tledface.frame_queue import FrameQueue
 from tledface.io._atomic import NO_ROOM
@@ -165,7 +166,7 @@ def _unfinished(directory: str | Path) -> dict[str, Any]:
     if "scene" not in about and "demo" in about:
         raise InputError(
             f"resume {directory}: a study, which has no checkpoints; run "
-            f"`tledface demo {about['demo']} --force -o {directory}` again"
+            f"`tledface demo {about['demo']} --force -o {in_shell(directory)}` again"
         )
     if about.get("state") == "finished":
         raise InputError(f"resume {directory}: the run is finished; there is nothing to resume")
@@ -179,12 +180,32 @@ def _go_on(folder: OutputFolder, about: dict[str, Any], device: Any, *, quiet: b
         scene = load_scene(folder.path / MODEL_FILE)
     path, surface = _files(folder.path, sim.model)["frames"], _shown_surface(sim.model)
     writer = VTKHDFWriter.reopen(path, sim.model, surface, keep=notes["frames"])
+    _warn_of_changes(about.get("scene"), scene)
     said = {key: value for key, value in about.items() if key not in ("tledface", "error")}
     facts = {key: value for key, value in said.items() if key not in ("state", "files")}
     folder.write({**said, "state": "running"})
     name = sim._device.info.name
     work = partial(_simulate, scene, sim, folder.path, name, quiet=quiet, went_on=(writer, notes))
     return _recorded(work, sim, folder, facts)
+
+
+def _warn_of_changes(path: str | None, scene: Scene) -> None:
+    """Tell of a scene file that is not, or no longer, what the run began with."""
+    from tledface.scene import MODEL_ENDINGS
+
+    # Named as it was then: seen from another folder it may not be there.
+    if path is None or not Path(path).is_file() or Path(path).suffix.lower() in MODEL_ENDINGS:
+        return
+    try:
+        tables = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError):
+        tables = None
+    if tables != scene.source:
+        warnings.warn(
+            f"{path} is not, or no longer, the scene that this run began with; the run goes on "
+            "with the scene of then; run --force starts again with that of now",
+            stacklevel=2,
+        )
 
 
 def _recorded(
@@ -215,7 +236,11 @@ def _recorded(
 
 def _interrupted(sim: Simulator, folder: Path, kept: list[str]) -> str:
     """The line that says where an interrupted run stands and how it goes on."""
-    go_on = f"`tledface resume {folder}` goes on" if any_in(folder) else "there is no checkpoint"
+    go_on = (
+        f"`tledface resume {in_shell(folder)}` goes on"
+        if any_in(folder)
+        else "there is no checkpoint"
+    )
     frames = f"frames are in {folder}" if kept else f"no frames in {folder}"
     return f"interrupted at t = {sim.playback_time:.6g} s; {frames}; {go_on}"
 
@@ -224,7 +249,11 @@ def _no_room(error: OSError, folder: Path) -> str:
     """What to do about a disk that is full, or a limit of file sizes."""
     limited = error.errno == errno.EFBIG
     first = "raise the limit of file sizes (ulimit -f)" if limited else "make room"
-    again = f"`tledface resume {folder}` goes on" if any_in(folder) else "run it again with --force"
+    again = (
+        f"`tledface resume {in_shell(folder)}` goes on"
+        if any_in(folder)
+        else "run it again with --force"
+    )
     return f"{error.strerror}; {first}, then {again}"
 
 
@@ -478,6 +507,7 @@ def _write_results(
     folder: Path,
 ) -> dict[str, Path]:
     from tledface.picture import wrinkle_picture
+    from tledface.surface import boundary_surface
 
     bound = model.surfaces[surface]
     moved = bound.displaced(u)
@@ -486,6 +516,10 @@ def _write_results(
     for name, role in _shown_beside(model, surface):
         other = model.surfaces[name]
         write_surface(files[role], other.displaced(u), other.polygons)
+    if not len(bound.bound_faces):
+        # A skin too coarse for the region: the build warned of it.
+        bound = boundary_surface(model)
+        moved = bound.displaced(u)
     view: dict[str, Any] = {"profile": False}
     if folds is not None:
         view = {"profile": folds.line, "min_prominence": folds.min_prominence}

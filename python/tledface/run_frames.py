@@ -60,6 +60,11 @@ class RunFrames:
             faces = root["Polygons/Connectivity"][()].astype(np.int64).reshape(-1, 3)
             if "moves" in root["CellData"]:
                 faces = faces[root["CellData/moves"][()] != 0]
+        if not len(faces):
+            raise InputError(
+                f"render {self._directory}: no face of its skin moves with the tissue; divide the "
+                "long faces of the scene's skin, or take a larger region, and run it again"
+            )
         return before, after, faces
 
     def surface_stress(self, frames: tuple[int, int]) -> tuple[Floats, Floats]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tledface.errors import InputError
-from tledface.io._atomic import check_folder
+from tledface.io._atomic import check_new_folder
 from tledface.metrics import MIN_PROMINENCE
 from tledface.output import earlier_run
 from tledface.picture import wrinkle_picture
@@ -101,7 +101,7 @@ def run_pictures(
 
 
 def _make(folder: Path) -> None:
-    check_folder(folder, "pictures")
+    check_new_folder(folder, "pictures")
     folder.mkdir(exist_ok=True)
 
 

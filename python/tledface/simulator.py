@@ -18,12 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from tledface import _core, units
 from tledface import device as device_module
 from tledface._core_model import (
-    check_number,
     checked_field,
     core_model,
     core_sliding,
-    is_number,
 )
+from tledface._model_checks import check_number, is_number
 from tledface._results import Results
 from tledface._serial import serial
 from tledface.autotune import tune, tune_recording
@@ -50,6 +49,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Simulator"]
 
+_CHOICES = {
+    "precision": ("'single'", "'double'"),
+    "hourglass": ("'physical'", "'joldes'"),
+    "kernels": ("'auto'", "'rows'", "'gather'", "'tile'"),
+}
 # Of the "joldes" form, where it is not given.
 _KAPPA = 0.075
 
@@ -123,6 +127,13 @@ class Simulator(Results):
                 f"Simulator: got {model!r} as model; allowed: a tledface.Model, as "
                 "tf.Scene.load(...).build() gives"
             )
+        for name, text in (
+            ("precision", precision),
+            ("hourglass", hourglass),
+            ("kernels", kernels),
+        ):
+            if not isinstance(text, str):
+                raise InputError(f"{name}: got {text!r}; allowed: {', '.join(_CHOICES[name])}")
         check_number("damping", damping, least=0.0, unit="1/s", most=units.MOST)
         if hourglass_kappa is None:
             kappa = _KAPPA
@@ -307,7 +318,7 @@ class Simulator(Results):
         Args:
             until: Simulated time to reach, s.
             on_frame: Called as ``on_frame(sim)`` at each multiple of ``1/fps`` after the start,
-                at the step nearest to it.
+                at the step nearest to it; once a step at most.
             fps: Frames a second of simulated time; needed with ``on_frame``.
             wait: Before each ``on_frame``, wait for the device and make sure that the state is
                 finite. False: it is called while steps may still be going on, for what needs no
@@ -344,7 +355,8 @@ class Simulator(Results):
                 if wait:
                     self._require_finite()
                 on_frame(self)
-                frame = max(frame + 1, math.floor(self.time * fps + 0.5))
+                # The first that a later step is nearest to: one call a step.
+                frame = max(frame, math.floor((self.time + 0.5 * self.dt) * fps)) + 1
         self._require_finite()
 
     def relax(self, tolerance: float = 1e-4, max_steps: int = 50_000) -> Equilibrium:

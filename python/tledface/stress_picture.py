@@ -403,9 +403,8 @@ def _finish(grid: _Grid, title: str, scale: _Scale, note: str = "") -> None:
     colours = figure.colorbar(shown, cax=bar, orientation="horizontal", extend="max")
     colours.ax.tick_params(colors=_INK, labelsize=11)
     colours.set_label("")
-    unit = (_GAP + 650) / width if width > 760 + _GAP else None
-    if unit:
-        figure.text(unit, 73 / height, scale.unit, color=_INK, fontsize=12, va="center")
+    unit = (_GAP + 650) / width  # a figure is wide enough, see _Grid
+    figure.text(unit, 73 / height, scale.unit, color=_INK, fontsize=12, va="center")
     said = scale.text() + (f"; {note}" if note else "")
     figure.text(_GAP / width, 12 / height, said, color=_INK, fontsize=11, va="bottom")
 

@@ -56,6 +56,14 @@ def test_the_scene_itself_runs(scene):
     assert (out / "frames.vtkhdf").exists()
 
 
+def test_check_says_how_large_the_body_is(scene):
+    from tledface.cli import app
+
+    result = CliRunner().invoke(app, ["check", str(scene), "--device", "native"])
+    assert result.exit_code == 0, result.output
+    assert "size       10 x 8 x 6 mm, in voxels of 1 x 1 x 1 mm" in result.stdout.splitlines()
+
+
 def test_missing_mesh(scene):
     edit(scene, "muscle.stl", "frontal.stl")
     assert "frontal.stl" in refuse(scene)

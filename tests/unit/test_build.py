@@ -12,6 +12,8 @@ from tledface.build import BuildWarning, build_model
 from tledface.errors import InputError
 from tledface.examples import flat_block
 from tledface.geometry import long_axes, read_surface
+from tledface.run import run_scene
+from tledface.run_picture import run_pictures
 from tledface.scene import Scene
 
 MATERIAL = {
@@ -212,6 +214,28 @@ def test_fixed_box_without_nodes_warns(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert build(tmp_path).report["warnings"] == []
+
+
+def test_a_skin_of_which_no_face_moves_is_told_and_the_run_comes_to_its_end(tmp_path):
+    scene = tables(
+        tmp_path,
+        geometry={"region": [[25, -1, -1], [35, 9, 7]]},
+        solver={"gravity": [0, 0, 0]},
+    )
+    export(box([0, 0, 0], [60, 8, 6]), tmp_path / "skin.stl")
+    export(box([26, 2, 1], [34, 6, 3]), tmp_path / "muscle.obj")
+    scene["muscles"][0]["activation"] = 0.1
+    loaded = Scene.from_dict(scene, tmp_path)
+    message = (
+        r"skin .*skin\.stl: none of its 12 faces has all its corners within 3 mm of the tissue"
+    )
+    with pytest.warns(BuildWarning, match=message) as told:
+        result = run_scene(loaded, tmp_path / "out", device="native", quiet=True)
+    assert len(told) == 1
+    assert result.files["picture"].stat().st_size > 0
+    assert result.folds is None
+    with pytest.raises(InputError, match="no face of its skin moves with the tissue; divide"):
+        run_pictures(tmp_path / "out", tmp_path / "pictures")
 
 
 def test_forehead_from_anatomy(shared_data, tmp_path):

@@ -270,6 +270,14 @@ def test_channels_of_many_steps_are_those_of_each(moving):
     assert table.shape == (5, len(sampler.channels_of_rest()))
 
 
+def test_a_rigid_motion_takes_numbers_of_every_kind_and_refuses_text():
+    turn = tf.RigidMotion(axis=np.array([0, 1, 0]), angle=np.float32(0.5), share=tf.ramp(0, 1, 1.0))
+    assert turn(1.0)[0, 0] == pytest.approx(np.cos(0.5))
+    for key, value in {"axis": "x", "about": None, "shift": (0, "a", 0), "angle": "5"}.items():
+        with pytest.raises(InputError, match=f"motion {key}: got .*; allowed: "):
+            tf.RigidMotion(**{key: value})
+
+
 WRONG = [
     (None, "None"),
     ("3.0", "'3.0'"),

@@ -136,6 +136,18 @@ def test_detail_keeps_the_form_and_the_folds():
         (np.zeros((0, 9)), {}),
         (np.zeros(90), {"spacing": 0.5}),  # heights and spacing in mm
         (np.zeros(90), {"shape_wavelength": 1e-5}),
+        (np.zeros(90), {"shape_wavelength": "6 mm"}),
+        (np.zeros(90), {"spacing": "0.1 mm"}),
+        (np.zeros(90), {"spacing": None}),
+        (np.zeros(90), {"spacing": np.array([1e-4])}),
+        (np.zeros(90), {"min_prominence": -1.0}),
+        (np.zeros(90), {"min_prominence": np.nan}),
+        (np.zeros(90), {"min_prominence": "50 um"}),
+        (np.zeros(90), {"relative_prominence": 2.0}),
+        (np.zeros(90), {"relative_prominence": None}),
+        ((0.0 for _ in range(90)), {}),
+        ([[0.0] * 8, [0.0] * 9], {}),
+        ("heights", {}),
     ],
 )
 def test_bad_heights(heights, options):
@@ -205,6 +217,15 @@ def test_line_profile_is_exact_and_marks_gaps():
     inside = (x > 1e-9) & (x < 0.06)
     assert heights[inside] == pytest.approx((0.3 * x + 0.1 * y)[inside], abs=1e-12)
     assert np.isnan(heights[~inside]).all()
+
+
+@pytest.mark.parametrize("spacing", ["1 mm", None, np.nan, -1.0, 0.0, 2.0, 1e-12])
+def test_profiles_and_maps_need_a_spacing(spacing):
+    with pytest.raises(InputError, match=r"line profile: spacing .* m on a line of 1 m; "):
+        line_profile(np.eye(3), [[0, 1, 2]], (0, 0, 0), (1, 0, 0), spacing)
+    if spacing != 2.0:
+        with pytest.raises(InputError, match="height map: spacing "):
+            height_map(np.eye(3), [[0, 1, 2]], spacing)
 
 
 @pytest.mark.parametrize("name", ["start", "end", "direction"])

@@ -49,6 +49,12 @@ def test_ragged_voxels_have_just_the_nodes_of_their_corners():
     assert model.elements.dtype == np.int32 and model.elements.flags.c_contiguous
 
 
+@pytest.mark.parametrize("name", [3, "", None, "a\0b"])
+def test_a_tissue_needs_a_name(name):
+    with pytest.raises(InputError, match="tissue: name must be a non-empty text"):
+        Model.block((1, 1, 1), (1e-3, 1e-3, 1e-3), SOFT, tissue=name)
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [

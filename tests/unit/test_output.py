@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from tledface.errors import InputError
+from tledface.io._atomic import check_new_folder
 from tledface.output import RUN_FILE, OutputFolder, earlier_run
 
 
@@ -98,6 +99,16 @@ def test_a_file_is_no_folder(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="is a file"):
         OutputFolder(tmp_path / "file")
+    with pytest.raises(InputError, match="file is a file, which holds no folder; give another"):
+        OutputFolder(tmp_path / "file" / "run")
+
+
+def test_pictures_go_into_no_file(tmp_path):
+    (tmp_path / "file").touch()
+    check_new_folder(tmp_path / "new", "pictures")
+    check_new_folder(tmp_path, "pictures")
+    with pytest.raises(InputError, match=r"pictures .*file: is a file; give a folder"):
+        check_new_folder(tmp_path / "file", "pictures")
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="root may write anywhere")

@@ -179,6 +179,23 @@ def colour_at(image, row, column):
     return colour / colour.sum()
 
 
+def test_the_bar_of_a_narrow_picture_has_its_unit(tmp_path, monkeypatch):
+    model = tf.Model.block((4, 4, 12), (4e-3, 4e-3, 12e-3), SOFT)
+    rest, stress = np.zeros_like(model.nodes), np.full(model.n_elements, 5e3)
+    none = np.zeros(model.n_elements, dtype=bool)
+    figures = []
+    monkeypatch.setattr(
+        "tledface.stress_picture._save", lambda figure, path: figures.append(figure)
+    )
+    voxels = VoxelStress(model.nodes, model.elements, (rest, rest), (stress, stress), none)
+    cut_stress_picture(tmp_path / "c.png", voxels, "y", 1.5e-3)
+    (figure,) = figures
+    assert figure.get_size_inches()[0] == 7.6
+    (unit,) = (text for text in figure.texts if text.get_text() == "kPa")
+    end = unit.get_window_extent()
+    assert figure.axes[-1].get_window_extent().x1 + 5 < end.x0 and end.x1 < 755
+
+
 def test_panels_of_several_surfaces_have_one_scale(tmp_path):
     model = tf.Model.block((8, 8, 2), (8e-3, 8e-3, 2e-3), SOFT)
     points, faces = sheet(model, 2e-3)

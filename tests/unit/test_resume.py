@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from conftest import file_limit
 from tledface import checkpoint
 from tledface.cli import app
-from tledface.errors import InputError, SimulationError
+from tledface.errors import InputError, SimulationError, in_shell
 from tledface.examples import flat_block
 from tledface.io import _lock
 from tledface.io.vtkhdf import VTKHDFWriter
@@ -87,6 +87,48 @@ def test_a_stopped_run_goes_on(stopped, whole):
     assert facts(stopped)["state"] == "finished"
     assert facts(stopped)["scene"] == facts(whole.directory)["scene"]
     assert result.wall > 0.0
+
+
+def test_a_scene_that_has_changed_is_told(stopped, whole, scene):
+    text = scene.path.read_text()
+    try:
+        scene.path.write_text(text.replace('"6 ms"', '"7 ms"'))
+        with pytest.warns(
+            UserWarning, match=r"\.toml is not, or no longer, the scene that this run"
+        ):
+            assert_same(resume_run(stopped, quiet=True), whole)
+    finally:
+        scene.path.write_text(text)
+
+
+def test_one_that_has_not_is_not_told(stopped, whole, scene, recwarn):
+    scene.path.write_text("# a remark\n" + scene.path.read_text())
+    assert_same(resume_run(stopped, quiet=True), whole)
+    assert not [str(w.message) for w in recwarn if "no longer" in str(w.message)]
+
+
+def test_an_unfinished_run_is_no_earlier_one(stopped, scene):
+    message = rf"holds an unfinished run; `tledface resume {stopped}` goes on, --force starts again"
+    with pytest.raises(InputError, match=message):
+        run_scene(scene, stopped, device="native", quiet=True)
+    for name in LEFT:
+        (stopped / name).unlink()
+    with pytest.raises(InputError, match="holds an earlier run; --force replaces it"):
+        run_scene(scene, stopped, device="native", quiet=True)
+
+
+@pytest.mark.parametrize(
+    ("path", "word"),
+    [
+        ("out/a-b_2", "out/a-b_2"),
+        ("Ergebnisse/für/Ä", "Ergebnisse/für/Ä"),
+        ("my run", "'my run'"),
+        ("für alle", "'für alle'"),
+        ("a;b", "'a;b'"),
+    ],
+)
+def test_paths_in_commands_are_one_word(path, word):
+    assert in_shell(path) == word
 
 
 def test_checkpoints_cost_no_bits(scene, whole, tmp_path):

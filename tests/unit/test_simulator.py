@@ -34,6 +34,9 @@ def small_model(muscle=True):
         ({"hourglass_kappa": 0.5}, 'hourglass_kappa: got 0.5 with hourglass = "physical"'),
         ({"hourglass": "joldes", "hourglass_kappa": "a"}, "hourglass_kappa: got 'a'"),
         ({"precision": "half"}, "precision: got 'half'"),
+        ({"precision": 32}, "precision: got 32; allowed: 'single', 'double'"),
+        ({"kernels": None}, "kernels: got None; allowed: 'auto', 'rows', 'gather', 'tile'"),
+        ({"hourglass": 1}, "hourglass: got 1; allowed: 'physical', 'joldes'"),
         ({"kernels": "fast"}, "kernels: got 'fast'"),
         ({"dt": "big"}, "dt: got 'big'"),
         ({"dt": 0.0}, "dt: got 0.0"),
@@ -80,6 +83,15 @@ def test_run_reaches_its_time_and_calls_frames():
     assert np.allclose(seen, 2e-4 * np.arange(1, 11), atol=sim.dt)
     with pytest.raises(InputError, match="fps"):
         sim.run(until=3e-3, on_frame=print)
+
+
+@pytest.mark.parametrize("fps", [3e5, 1e9])
+def test_a_step_gives_one_frame_however_many_are_asked_for(fps):
+    sim = tf.Simulator(small_model(), device="native")
+    seen = []
+    sim.run(until=10 * sim.dt, on_frame=lambda s: seen.append(s.n_steps), fps=fps)
+    assert sim.n_steps == 10
+    assert len(seen) >= 10 and len(seen) == len(set(seen))
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import typer
 
 from tledface.catalogue import REFERENCE, Example, shipped
 from tledface.cli.common import AsJson, Device, Force, Quiet, give
-from tledface.errors import InputError
+from tledface.errors import InputError, in_shell
 
 if TYPE_CHECKING:
     from tledface.output import OutputFolder
@@ -85,8 +85,8 @@ def demo(
     again = all(earlier.get(key) == value for key, value in about.items())
     if again and not force and earlier.get("state") != "finished" and any_in(folder):
         raise InputError(
-            f"output {folder}: holds this run unfinished; `tledface resume {folder}` goes on, "
-            "--force starts again"
+            f"output {folder}: holds this run unfinished; `tledface resume {in_shell(folder)}` "
+            "goes on, --force starts again"
         )
     output_folder = OutputFolder(folder, force=force or again)
     opened = device_module.resolve(device)

@@ -30,6 +30,13 @@ def check_folder(path: Path, what: str) -> None:
         raise InputError(f"{what} {path}: the folder {folder} is not writable; choose another")
 
 
+def check_new_folder(path: Path, what: str) -> None:
+    """Raise InputError unless ``path`` is a folder or can be made one."""
+    check_folder(path, what)
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{what} {path}: is a file; give a folder")
+
+
 def sync(path: Path) -> None:
     """Wait until a file, or the names in a folder, are on the disk."""
     if path.is_dir() and os.name == "nt":
