@@ -49,11 +49,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Simulator"]
 
-_CHOICES = {
-    "precision": ("'single'", "'double'"),
-    "hourglass": ("'physical'", "'joldes'"),
-    "kernels": ("'auto'", "'rows'", "'gather'", "'tile'"),
-}
 # Of the "joldes" form, where it is not given.
 _KAPPA = 0.075
 
@@ -127,13 +122,8 @@ class Simulator(Results):
                 f"Simulator: got {model!r} as model; allowed: a tledface.Model, as "
                 "tf.Scene.load(...).build() gives"
             )
-        for name, text in (
-            ("precision", precision),
-            ("hourglass", hourglass),
-            ("kernels", kernels),
-        ):
-            if not isinstance(text, str):
-                raise InputError(f"{name}: got {text!r}; allowed: {', '.join(_CHOICES[name])}")
+        # The core says what is allowed of them, which it takes as text only.
+        precision, hourglass, kernels = str(precision), str(hourglass), str(kernels)
         check_number("damping", damping, least=0.0, unit="1/s", most=units.MOST)
         if hourglass_kappa is None:
             kappa = _KAPPA
