@@ -16,7 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from tledface.errors import InputError, in_shell
+from tledface.errors import InputError
 from tledface.io import _lock
 from tledface.io._atomic import atomic_path
 
@@ -128,13 +128,10 @@ class OutputFolder:
 
 
 def _earlier_text(path: Path, earlier: dict[str, Any]) -> str:
-    from tledface.run_checkpoints import any_in
+    from tledface.run_checkpoints import how_to_resume
 
-    if earlier.get("state") != "finished" and any_in(path):
-        return (
-            f"holds an unfinished run; `tledface resume {in_shell(path)}` goes on, --force starts "
-            "again, or give another folder"
-        )
+    if earlier.get("state") != "finished" and (go_on := how_to_resume(path)):
+        return f"holds an unfinished run; {go_on}, --force starts again, or give another folder"
     return "holds an earlier run; --force replaces it, or give another folder"
 
 

@@ -29,7 +29,13 @@ from tledface.io.surfaces import write_surface
 from tledface.io.vtkhdf import VTKHDFWriter
 from tledface.output import OutputFolder, earlier_run
 from tledface.progress import ProgressBar, spinner
-from tledface.run_checkpoints import MODEL_FILE, RunCheckpoints, any_in, newest_whole, remove_from
+from tledface.run_checkpoints import (
+    MODEL_FILE,
+    RunCheckpoints,
+    how_to_resume,
+    newest_whole,
+    remove_from,
+)
 from tledface.run_result import RunResult
 
 if TYPE_CHECKING:
@@ -236,11 +242,7 @@ def _recorded(
 
 def _interrupted(sim: Simulator, folder: Path, kept: list[str]) -> str:
     """The line that says where an interrupted run stands and how it goes on."""
-    go_on = (
-        f"`tledface resume {in_shell(folder)}` goes on"
-        if any_in(folder)
-        else "there is no checkpoint"
-    )
+    go_on = how_to_resume(folder) or "there is no checkpoint"
     frames = f"frames are in {folder}" if kept else f"no frames in {folder}"
     return f"interrupted at t = {sim.playback_time:.6g} s; {frames}; {go_on}"
 
@@ -249,11 +251,7 @@ def _no_room(error: OSError, folder: Path) -> str:
     """What to do about a disk that is full, or a limit of file sizes."""
     limited = error.errno == errno.EFBIG
     first = "raise the limit of file sizes (ulimit -f)" if limited else "make room"
-    again = (
-        f"`tledface resume {in_shell(folder)}` goes on"
-        if any_in(folder)
-        else "run it again with --force"
-    )
+    again = how_to_resume(folder) or "run it again with --force"
     return f"{error.strerror}; {first}, then {again}"
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tledface import checkpoint
-from tledface.errors import InputError
+from tledface.errors import InputError, in_shell
 from tledface.io.vtkhdf import VTKHDFWriter
 
 if TYPE_CHECKING:
@@ -23,7 +23,14 @@ if TYPE_CHECKING:
     from tledface.scene import Scene
     from tledface.simulator import Simulator
 
-__all__ = ["MODEL_FILE", "RunCheckpoints", "any_in", "newest_whole", "remove_from"]
+__all__ = [
+    "MODEL_FILE",
+    "RunCheckpoints",
+    "any_in",
+    "how_to_resume",
+    "newest_whole",
+    "remove_from",
+]
 
 LAST, BEFORE, MODEL_FILE = "checkpoint.h5", "checkpoint-before.h5", "checkpoint-model.h5"
 _NEW = "checkpoint-new.h5"
@@ -103,6 +110,11 @@ def remove_from(folder: Path) -> None:
 def any_in(folder: Path) -> bool:
     """Whether the folder holds a checkpoint, whole or damaged."""
     return bool(_present(folder))
+
+
+def how_to_resume(folder: Path) -> str:
+    """How a message says to go on with the run in a folder; empty: it holds no checkpoint."""
+    return f"`tledface resume {in_shell(folder)}` goes on" if any_in(folder) else ""
 
 
 def newest_whole(folder: Path, device: Any = None) -> tuple[Simulator, dict[str, Any]]:

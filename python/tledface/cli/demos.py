@@ -16,7 +16,7 @@ import typer
 
 from tledface.catalogue import REFERENCE, Example, shipped
 from tledface.cli.common import AsJson, Device, Force, Quiet, give
-from tledface.errors import InputError, in_shell
+from tledface.errors import InputError
 
 if TYPE_CHECKING:
     from tledface.output import OutputFolder
@@ -68,7 +68,7 @@ def demo(
     from tledface import device as device_module
     from tledface.output import OutputFolder, earlier_run
     from tledface.run import prepared, run_prepared
-    from tledface.run_checkpoints import any_in
+    from tledface.run_checkpoints import how_to_resume
     from tledface.scene import Scene
 
     example = _example(name)
@@ -83,10 +83,10 @@ def demo(
     # A demo's own results can always be had again, so running it twice needs no --force.
     earlier = earlier_run(folder) or {}
     again = all(earlier.get(key) == value for key, value in about.items())
-    if again and not force and earlier.get("state") != "finished" and any_in(folder):
+    unfinished = again and not force and earlier.get("state") != "finished"
+    if unfinished and (go_on := how_to_resume(folder)):
         raise InputError(
-            f"output {folder}: holds this run unfinished; `tledface resume {in_shell(folder)}` "
-            "goes on, --force starts again"
+            f"output {folder}: holds this run unfinished; {go_on}, --force starts again"
         )
     output_folder = OutputFolder(folder, force=force or again)
     opened = device_module.resolve(device)
