@@ -5,8 +5,8 @@
 //
 //        z ^   as: forces on the shared face, from the element below
 //          |   +-------+        what an element gives a node row of the next y goes into `scratch`
-//        k |   | elem  |  --->  (rows a plane), what its last lane gives lane 0 of the block
-//          |   +-------+        behind in x goes into `edge` (three reals a block).
+//        k |   | elem  |  --->  (rows a plane), what its last lanes in x give the first of the
+//          |   +-------+        block behind goes into `edge`.
 //          +-----------> y
 //
 // The transform of the face between two elements of a column is done once and stays in registers.
@@ -21,9 +21,10 @@ INLINE void load_face_component(__global const real* lower, __global const real*
                                 __global const real* upper, __global const real* upper_next,
                                 Face* face, const int component) {
   const int row = component * TLED_LANES;
-  const realv l = load_lanes(lower + row), h = load_lanes(upper + row);
-  const realv ln = next_lanes(l, load_lanes(lower_next + row));
-  const realv hn = next_lanes(h, load_lanes(upper_next + row));
+  const realv l = load_lanes(lower + row), right = load_lanes(lower_next + row);
+  const realv h = next_in_y(l, load_lanes(upper + row));
+  const realv ln = next_in_x(l, right);
+  const realv hn = next_in_x(h, next_in_y(right, load_lanes(upper_next + row)));
   const realv a = l + ln, b = ln - l, c = h + hn, d = hn - h;
   face->s[component] = a + c;
   face->x[component] = b + d;
@@ -49,16 +50,17 @@ INLINE void clear_face(Face* f) {
 }
 
 // Corner forces of one component from the face's; those at high y go into scratch. Returns the
-// force on the block's own nodes; *to_right: what its last elements give lane 0 of the block behind.
-INLINE realv distribute(FaceForce f, real from_left, __global real* scratch, real* to_right) {
+// force on the block's own nodes; *next: on those one on in x, the last of which are the next block's.
+INLINE realv distribute(FaceForce f, __global const real* from_left, __global real* scratch,
+                        realv* next) {
   const realv lower = f.s - f.y, lower_x = f.x - f.xy, upper = f.s + f.y, upper_x = f.x + f.xy;
   __global real* scratch_next = scratch + 3 * TLED_LANES;
-  const realv next = lower + lower_x + load_lanes(scratch_next);
-  const realv own = lower - lower_x + load_lanes(scratch);
-  store_lanes(upper - upper_x, scratch);
-  store_lanes(upper + upper_x, scratch_next);
-  *to_right = last_lane(next);
-  return own + previous_lanes(next, from_left);
+  const realv upper_own = upper - upper_x, upper_next = upper + upper_x;
+  const realv own = lower - lower_x + previous_in_y(upper_own, load_lanes(scratch));
+  *next = lower + lower_x + previous_in_y(upper_next, load_lanes(scratch_next));
+  store_lanes(upper_own, scratch);
+  store_lanes(upper_next, scratch_next);
+  return own + previous_in_x(*next, load_unaligned(from_left));
 }
 
 // u_next = u + velocity (u - u_prev) - force f / m + gravity, zero increment where 1/m is 0.
@@ -78,21 +80,22 @@ INLINE void integrate(__global const real* u, __global real* u_prev,
 // edge. out: u_prev, which becomes the next displacement, or the forces (forces_only).
 typedef struct {
   __global const real *u, *inverse_mass, *step, *from_left;  // step: of their level
-  __global real *out, *scratch, *to_right;  // to_right: 0 where there is no block behind
+  __global real *out, *scratch, *to_right;
   int seed, has_gravity;
-  int left_rests;  // 1: what is in from_left is of an earlier step
 } RowNodes;
 
-INLINE void finish_component(RowNodes n, FaceForce f, const int component, const int forces_only) {
-  real right;
-  const real left = n.left_rests ? R(0.0) : n.from_left[component];
-  const realv force = distribute(f, left, n.scratch + component * TLED_LANES, &right);
-  if (n.seed) return;
-  if (n.to_right) n.to_right[component] = right;
+// Returns the forces on the nodes one on in x.
+INLINE realv finish_component(RowNodes n, FaceForce f, const int component, const int forces_only) {
+  realv next;
+  // Where the last lane in x meets the component's place (layout.cl).
+  __global const real* left = n.from_left + component + 2 - TLED_WIDTH;
+  const realv force = distribute(f, left, n.scratch + component * TLED_LANES, &next);
+  if (n.seed) return next;
   if (forces_only)
     store_lanes(force, n.out + component * TLED_LANES);
   else
     integrate(n.u, n.out, n.inverse_mass, n.step, n.has_gravity, force, component);
+  return next;
 }
 
 // What a band's rows read and write: out as above, scratch the band's own.
@@ -105,6 +108,8 @@ typedef struct {
 #define ROW_SEED 1     // forces only into scratch; nodes belong to the band below
 #define ROW_GRAVITY 2  // there is gravity
 
+#define EDGE_REALS TLED_EDGE_REALS(TLED_WIDTH, TLED_LANES)
+
 INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* links, int block,
                           int flags, const int has_levels) {
   const long at = (long)block * (3 * TLED_LANES);
@@ -113,15 +118,17 @@ INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* link
   n.seed = flags & ROW_SEED;
   n.has_gravity = flags & ROW_GRAVITY;
   n.step = t.step + NODE_LEVEL(levels) * TLED_STEP_LEVEL;
-  n.left_rests =
-      has_levels && t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0);
   n.u = a.u + at;
   n.out = a.out + at;
   n.inverse_mass = a.node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
   n.scratch = a.scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
-  // A seed row's forces are dropped, and the band below may be writing this edge just now.
-  n.from_left = n.seed ? n.scratch : a.edge + (long)block * 4;
-  n.to_right = links[BLOCK_HAS_NEXT_X] ? a.edge + (long)links[BLOCK_NEXT_X] * 4 : 0;
+  // A seed row's forces are dropped, and the band below may be writing this edge just now. What a block
+  // that rests has left there is of an earlier step.
+  const int edge = links[BLOCK_EDGE], place = edge < 0 ? -edge : edge;
+  const int nothing = edge < 0 || n.seed ||
+      (has_levels && t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0));
+  n.from_left = a.edge + (long)(nothing ? TLED_NO_EDGE : place) * EDGE_REALS;
+  n.to_right = a.edge + (long)place * EDGE_REALS;
   return n;
 }
 
@@ -143,6 +150,7 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
   __global const int* links = t.blocks + (long)block * TLED_BLOCK_INTS;
   const RowNodes nodes = row_nodes(t, a, links, block, flags, has_levels);
   const real weight = element_weight(t, links, has_levels);
+  realv next_x, next_y, next_z;
   if (weight != R(0.0)) {
     if (*n_faces < 1) load_face(a.u, t.blocks, block, low);
     if (*n_faces < 2) load_face(a.u, t.blocks, block + 1, high);
@@ -156,15 +164,16 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
       *n_faces = 2;
     }
     if (weight != R(1.0)) weigh_element(&e, weight);
-    finish_component(nodes, element_force_x(&e, carried, physical), 0, forces_only);
-    finish_component(nodes, element_force_y(&e, carried, physical), 1, forces_only);
-    finish_component(nodes, element_force_z(&e, carried, physical), 2, forces_only);
+    next_x = finish_component(nodes, element_force_x(&e, carried, physical), 0, forces_only);
+    next_y = finish_component(nodes, element_force_y(&e, carried, physical), 1, forces_only);
+    next_z = finish_component(nodes, element_force_z(&e, carried, physical), 2, forces_only);
   } else {
-    finish_component(nodes, carried_only(carried, 0), 0, forces_only);
-    finish_component(nodes, carried_only(carried, 1), 1, forces_only);
-    finish_component(nodes, carried_only(carried, 2), 2, forces_only);
+    next_x = finish_component(nodes, carried_only(carried, 0), 0, forces_only);
+    next_y = finish_component(nodes, carried_only(carried, 1), 1, forces_only);
+    next_z = finish_component(nodes, carried_only(carried, 2), 2, forces_only);
     *n_faces = 0;
   }
+  if (!nodes.seed) store_last(next_x, next_y, next_z, nodes.to_right);
 }
 
 // Which rows there are, and the bands they are dealt to (layout.cl).

@@ -38,7 +38,8 @@ class RowsPath final : public ForcePath {
     // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.
     const std::size_t scratch = std::size_t(all_.table.n_planes) * SCRATCH_ROWS * arrays.lanes;
     scratch_ = binder.allocate(n_bands_ * (scratch + SCRATCH_GAP) * real, bytes_);
-    edge_ = binder.allocate(std::size_t(arrays.n_blocks + 1) * 4 * real, bytes_);
+    edge_ = binder.allocate(
+        std::size_t(arrays.n_edges) * TLED_EDGE_REALS(arrays.width, arrays.lanes) * real, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
       step_[parity] = make_kernel("step_rows_" + step_form(arrays, options), parity);
       force_[parity] = make_kernel("force_rows_" + form_of(options), parity);
