@@ -37,15 +37,15 @@ std::array<int, 3> choose_axis_order(const VoxelModel& model, int width, int hei
   std::array<std::int32_t, 3> extent{};
   for (std::size_t i = 0; i < model.cells.size(); ++i)
     extent[i % 3] = std::max(extent[i % 3], model.cells[i] + 1);
-  // Orders that cut other blocks: blocks as wide as high do so for each z, rows for each x.
+  // Two axes may change places where blocks are as wide as high, or are rows: once is enough then.
+  const int free[2] = {width == height ? 0 : 1, width == height ? 1 : 2};
+  const bool changes = width == height || height == 1;
   std::vector<std::array<int, 3>> orders;
   for (const std::array<int, 3>& order :
        {std::array<int, 3>{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}}) {
-    const bool longer_band = extent[order[1]] >= extent[order[width == height ? 0 : 2]];
-    const bool turns = width == height || height == 1;
-    const int a = order[1], b = order[width == height ? 0 : 2];
-    if (turns && !(longer_band && (extent[a] != extent[b] || a < b))) continue;
-    orders.push_back(order);
+    const int first = order[free[0]], second = order[free[1]];
+    const auto y = extent[order[1]], other = extent[order[1] == first ? second : first];
+    if (!changes || y > other || (y == other && first < second)) orders.push_back(order);
   }
   std::vector<std::size_t> n_blocks(orders.size());
   parallel_for(orders.size(), [&](std::size_t i) {
