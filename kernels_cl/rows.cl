@@ -1,7 +1,7 @@
 // Fused element + node kernel for CPUs: vector rows of a block's lanes, no barrier, no atomics.
 //
-// One work-item owns a band of node rows in y. It walks its blocks chunk by chunk in x, row by row
-// in y, and plane by plane in z:
+// One work-item owns a band of node rows in y, the first and last of which may be cut in x. It walks its
+// blocks chunk by chunk in x, row by row in y, and plane by plane in z:
 //
 //        z ^   as: forces on the shared face, from the element below
 //          |   +-------+        what an element gives a node row of the next y goes into `scratch`
@@ -101,12 +101,13 @@ INLINE realv finish_component(RowNodes n, FaceForce f, const int component, cons
 // What a band's rows read and write: out as above, scratch the band's own.
 typedef struct {
   __global const real *u, *node_sets;
-  __global real *out, *scratch, *edge;
+  __global real *out, *scratch, *edge, *cut_edge;  // the latter: of the row that is cut
 } RowArrays;
 
 // What holds for a row of blocks.
 #define ROW_SEED 1     // forces only into scratch; nodes belong to the band below
 #define ROW_GRAVITY 2  // there is gravity
+#define ROW_CUT 4      // the band before has the row's chunks before some; a seed gives its edges too
 
 #define EDGE_REALS TLED_EDGE_REALS(TLED_WIDTH, TLED_LANES)
 
@@ -122,13 +123,14 @@ INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* link
   n.out = a.out + at;
   n.inverse_mass = a.node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
   n.scratch = a.scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
+  const int edge = links[BLOCK_EDGE];
+  n.to_right = flags & ROW_CUT ? a.cut_edge + (long)links[BLOCK_PLANE] * EDGE_REALS
+                               : a.edge + (long)(edge < 0 ? -edge : edge) * EDGE_REALS;
   // A seed row's forces are dropped, and the band below may be writing this edge just now. What a block
   // that rests has left there is of an earlier step.
-  const int edge = links[BLOCK_EDGE], place = edge < 0 ? -edge : edge;
   const int nothing = edge < 0 || n.seed ||
       (has_levels && t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0));
-  n.from_left = a.edge + (long)(nothing ? TLED_NO_EDGE : place) * EDGE_REALS;
-  n.to_right = a.edge + (long)place * EDGE_REALS;
+  n.from_left = nothing ? a.edge + TLED_NO_EDGE * EDGE_REALS : n.to_right;
   return n;
 }
 
@@ -173,7 +175,7 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
     next_z = finish_component(nodes, carried_only(carried, 2), 2, forces_only);
     *n_faces = 0;
   }
-  if (!nodes.seed) store_last(next_x, next_y, next_z, nodes.to_right);
+  if (!nodes.seed || flags & ROW_CUT) store_last(next_x, next_y, next_z, nodes.to_right);
 }
 
 // Which rows there are, and the bands they are dealt to (layout.cl).
@@ -182,20 +184,32 @@ typedef struct {
   int n_planes, n_chunks, n_y;
 } RowTable;
 
-// Of the node rows beside a band another thread has moved the nodes. They are asked for at once, since
+// A band's cells, of which there is one for each row and chunk, row by row: from (begin_y, begin_chunk)
+// to before (end_y, end_chunk).
+typedef struct { int begin_y, begin_chunk, end_y, end_chunk; } Band;
+
+INLINE Band band_of(RowTable t, int band) {
+  const int first = t.bands[2 * band], behind = t.bands[2 * band + 1];
+  const Band b = {first / t.n_chunks, first % t.n_chunks, behind / t.n_chunks, behind % t.n_chunks};
+  return b;
+}
+
+INLINE int first_row(Band b, int chunk) { return b.begin_y + (chunk < b.begin_chunk); }
+INLINE int row_behind(Band b, int chunk) { return b.end_y + (chunk < b.end_chunk); }
+
+// Of the node rows beside a band another thread has moved the nodes. They are asked for together, since
 // each comes from that thread's cache, and what is read of them one by one is waited for.
-INLINE void fetch_borders(RowTable t, __global const real* u, int begin, int end) {
+INLINE void fetch_borders(RowTable t, Band band, __global const real* u, int chunk) {
+  if (chunk >= t.n_chunks) return;
   for (int side = 0; side < 2; ++side) {
-    const int y = side ? end : begin - 1;
+    const int y = side ? row_behind(band, chunk) : first_row(band, chunk) - 1;
     if (y < 0 || y == t.n_y) continue;
-    for (int chunk = 0; chunk < t.n_chunks; ++chunk) {
-      __global const int* first = t.row_begin + (long)chunk * t.n_y + y;
-      for (int i = first[0]; i < first[1]; ++i) {
-        __global const int* row = t.rows + TLED_RUN * i;
-        __global const real* nodes = u + (long)row[RUN_BLOCK] * (3 * TLED_LANES);
-        for (int k = 0; k < row[RUN_BLOCKS] * (3 * TLED_LANES); k += LINE_REALS)
-          prefetch_to_read(nodes + k);
-      }
+    __global const int* first = t.row_begin + (long)chunk * t.n_y + y;
+    for (int i = first[0]; i < first[1]; ++i) {
+      __global const int* row = t.rows + TLED_RUN * i;
+      __global const real* nodes = u + (long)row[RUN_BLOCK] * (3 * TLED_LANES);
+      for (int k = 0; k < row[RUN_BLOCKS] * (3 * TLED_LANES); k += LINE_REALS)
+        prefetch_to_read(nodes + k);
     }
   }
 }
@@ -205,31 +219,40 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                          __global real* edge, const SlideArrays* sliding,
                          const SlideSurfaces* surfaces, const int physical, const int cube,
                          const int forces_only, const int has_levels) {
-  const int band = (int)get_global_id(0);
+  const int item = (int)get_global_id(0);
+  const Band band = band_of(table, item);
   __global real* scratch =
-      all_scratch + band * ((long)table.n_planes * (SCRATCH_ROWS * TLED_LANES) + SCRATCH_GAP);
-  const RowArrays arrays = {u, node_sets, out, scratch, edge};
+      all_scratch + item * TLED_BAND_REALS((long)table.n_planes, TLED_WIDTH, TLED_LANES);
+  const RowArrays arrays = {u, node_sets, out, scratch, edge,
+                            scratch + table.n_planes * (SCRATCH_ROWS * TLED_LANES)};
   const int gravity = t.step[STEP_GRAVITY] != R(0.0) || t.step[STEP_GRAVITY + 1] != R(0.0) ||
                               t.step[STEP_GRAVITY + 2] != R(0.0)
                           ? ROW_GRAVITY
                           : 0;
   SlidingQueue queue;
   queue.begin = queue.end = queue.n_zones = queue.n_records = 0;
-  const int begin_y = table.bands[2 * band], end_y = table.bands[2 * band + 1];
-  fetch_borders(table, u, begin_y, end_y);
-  // The row below the band is a seed.
-  const int from_y = begin_y > 0 ? begin_y - 1 : 0;
+  fetch_borders(table, band, u, 0);
+  fetch_borders(table, band, u, 1);
   Face one, other, carried;
   for (int chunk = 0; chunk < table.n_chunks; ++chunk) {
+    fetch_borders(table, band, u, chunk + 2);
     __global const int* row_begin = table.row_begin + (long)chunk * table.n_y;
-    const int own = row_begin[begin_y], behind = row_begin[end_y];
-    if (own == behind) continue;
+    // What the last chunk before the cut gives the first behind it is computed here too.
+    const int before_cut = chunk + 1 == band.begin_chunk;
+    const int own_y = first_row(band, chunk), own = row_begin[own_y],
+              behind = row_begin[row_behind(band, chunk)];
+    if (own == behind && !before_cut) continue;
+    // The row below the band is a seed.
+    const int from_y = before_cut ? band.begin_y - 1 : own_y - 1;
+    const int is_cut = band.begin_chunk > 0 && chunk + 1 >= band.begin_chunk;
+    const int cut = row_begin[band.begin_y], cut_end = is_cut ? row_begin[band.begin_y + 1] : cut;
     for (int i = 0; i < table.n_planes * SCRATCH_ROWS; ++i)
       store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
-    for (int i = row_begin[from_y]; i < behind; ++i) {
+    for (int i = row_begin[from_y < 0 ? 0 : from_y]; i < behind; ++i) {
       __global const int* row = table.rows + TLED_RUN * i;
       const int begin = row[RUN_BLOCK], end = begin + row[RUN_BLOCKS];
-      const int flags = (i < own ? ROW_SEED : 0) | gravity;
+      const int flags =
+          (i < own ? ROW_SEED : 0) | (i >= cut && i < cut_end ? ROW_CUT : 0) | gravity;
       int n_faces = 0;
       clear_face(&carried);
       for (int block = begin; block < end; ++block) {

@@ -36,8 +36,9 @@ class RowsPath final : public ForcePath {
     all_ = make_rows(make_row_table(arrays));
     const std::size_t real = real_size(options.precision);
     // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.
-    const std::size_t scratch = std::size_t(all_.table.n_planes) * SCRATCH_ROWS * arrays.lanes;
-    scratch_ = binder.allocate(n_bands_ * (scratch + SCRATCH_GAP) * real, bytes_);
+    const std::size_t scratch =
+        TLED_BAND_REALS(std::size_t(all_.table.n_planes), arrays.width, arrays.lanes);
+    scratch_ = binder.allocate(n_bands_ * scratch * real, bytes_);
     edge_ = binder.allocate(
         std::size_t(arrays.n_edges) * TLED_EDGE_REALS(arrays.width, arrays.lanes) * real, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
@@ -137,7 +138,7 @@ class RowsPath final : public ForcePath {
   DueRows make_rows(RowTable table) {
     DueRows due;
     if (!table.rows.empty()) {
-      due.balance = BandBalance(table.work, n_bands_);
+      due.balance = BandBalance(table.work, table.n_chunks, n_bands_);
       due.bands = binder_.upload(due.balance.bands(), bytes_);
       due.row_begin = binder_.upload(table.row_begin, bytes_);
       due.rows = binder_.upload(table.rows, bytes_);
