@@ -100,8 +100,8 @@
 #define HEX_RATIO 48    // 6: h_x/h_y, and so on as SHAPE_RATIO
 #define HEX_VOLUME 54   // m^3
 
-// Rows of blocks that a band walks (rows.cl), by cells: one for each row in y and chunk in x, row by
-// row. bands[2 i]: first cell of band i, bands[2 i + 1]: the one behind its last. rows[4 i]: first block, number of blocks, first row of
+// Rows of blocks that a band walks (rows.cl), by cells: one for each chunk in x and row in y, chunk by
+// chunk. bands[2 i]: first cell of band i, bands[2 i + 1]: the one behind its last. rows[4 i]: first block, number of blocks, first row of
 // sliding nodes and how many there are; chunk by chunk in x, row by row in y, row_begin[chunk * rows
 // in y + y] the first of a chunk and row, and one more behind the last.
 #define TLED_RUN 4
@@ -119,12 +119,12 @@
 #define TLED_EDGE_REALS(width, lanes) (4 * (lanes) / (width))
 #define TLED_NO_EDGE 1
 #define TLED_FIRST_EDGE 2
-// Reals between the scratches of two bands, a page or more: what a processor fetches ahead of one thread
-// is not to be what another writes. Behind a band's scratch stand the edges of the row in which it begins,
-// where that is cut.
-#define SCRATCH_GAP 1024
-#define TLED_BAND_REALS(n_planes, width, lanes) \
-  ((n_planes) * (SCRATCH_ROWS * (lanes) + TLED_EDGE_REALS(width, lanes)) + SCRATCH_GAP)
+// Reals of a band's scratch and edges. Between those of two bands lies a page or more: what a processor
+// fetches ahead of one thread is not to be what another writes.
+#define BAND_GAP 1024
+#define SCRATCH_REALS(n_planes, lanes) ((n_planes) * (SCRATCH_ROWS * (lanes)) + BAND_GAP)
+#define BAND_EDGE_REALS(n_edges, width, lanes) \
+  ((n_edges) * TLED_EDGE_REALS(width, lanes) + BAND_GAP)
 
 // Tiles of node columns that a work-group walks (tile.cl). tiles[TLED_TILE_INTS * tile + ...]; its
 // places are, of each plane from the one below its first node to the one above its last, of each

@@ -1,7 +1,7 @@
 // Fused element + node kernel for CPUs: vector rows of a block's lanes, no barrier, no atomics.
 //
-// One work-item owns a band of node rows in y, the first and last of which may be cut in x. It walks its
-// blocks chunk by chunk in x, row by row in y, and plane by plane in z:
+// One work-item owns a band of blocks that follow each other in memory. It walks them chunk by chunk in
+// x, row by row in y, and plane by plane in z:
 //
 //        z ^   as: forces on the shared face, from the element below
 //          |   +-------+        what an element gives a node row of the next y goes into `scratch`
@@ -11,8 +11,8 @@
 //
 // The transform of the face between two elements of a column is done once and stays in registers.
 // A node is finished as soon as all its elements have given their forces: it is integrated on the
-// spot, u_next over u_prev, which nobody else reads. The row of elements below the band is
-// computed here too (a seed row), so bands do not wait for each other. The order in which a node's
+// spot, u_next over u_prev, which nobody else reads. The chunk of elements before the band is
+// computed here too (its seeds), so bands do not wait for each other. The order in which a node's
 // forces are added does not depend on how rows are dealt to bands: results are the same bits for any
 // number of threads.
 
@@ -98,16 +98,15 @@ INLINE realv finish_component(RowNodes n, FaceForce f, const int component, cons
   return next;
 }
 
-// What a band's rows read and write: out as above, scratch the band's own.
+// What a band's rows read and write: out as above, scratch and edge the band's own.
 typedef struct {
   __global const real *u, *node_sets;
-  __global real *out, *scratch, *edge, *cut_edge;  // the latter: of the row that is cut
+  __global real *out, *scratch, *edge;
 } RowArrays;
 
 // What holds for a row of blocks.
-#define ROW_SEED 1     // forces only into scratch; nodes belong to the band below
+#define ROW_SEED 1     // forces only into scratch and edge; nodes belong to the band before
 #define ROW_GRAVITY 2  // there is gravity
-#define ROW_CUT 4      // the band before has the row's chunks before some; a seed gives its edges too
 
 #define EDGE_REALS TLED_EDGE_REALS(TLED_WIDTH, TLED_LANES)
 
@@ -124,11 +123,9 @@ INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* link
   n.inverse_mass = a.node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
   n.scratch = a.scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
   const int edge = links[BLOCK_EDGE];
-  n.to_right = flags & ROW_CUT ? a.cut_edge + (long)links[BLOCK_PLANE] * EDGE_REALS
-                               : a.edge + (long)(edge < 0 ? -edge : edge) * EDGE_REALS;
-  // A seed row's forces are dropped, and the band below may be writing this edge just now. What a block
-  // that rests has left there is of an earlier step.
-  const int nothing = edge < 0 || n.seed ||
+  n.to_right = a.edge + (long)(edge < 0 ? -edge : edge) * EDGE_REALS;
+  // What a block that rests has left there is of an earlier step.
+  const int nothing = edge < 0 ||
       (has_levels && t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0));
   n.from_left = nothing ? a.edge + TLED_NO_EDGE * EDGE_REALS : n.to_right;
   return n;
@@ -175,84 +172,46 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
     next_z = finish_component(nodes, carried_only(carried, 2), 2, forces_only);
     *n_faces = 0;
   }
-  if (!nodes.seed || flags & ROW_CUT) store_last(next_x, next_y, next_z, nodes.to_right);
+  store_last(next_x, next_y, next_z, nodes.to_right);
 }
 
 // Which rows there are, and the bands they are dealt to (layout.cl).
 typedef struct {
   __global const int *bands, *row_begin, *rows;
-  int n_planes, n_chunks, n_y;
+  int n_planes, n_edges, n_y;
 } RowTable;
-
-// A band's cells, of which there is one for each row and chunk, row by row: from (begin_y, begin_chunk)
-// to before (end_y, end_chunk).
-typedef struct { int begin_y, begin_chunk, end_y, end_chunk; } Band;
-
-INLINE Band band_of(RowTable t, int band) {
-  const int first = t.bands[2 * band], behind = t.bands[2 * band + 1];
-  const Band b = {first / t.n_chunks, first % t.n_chunks, behind / t.n_chunks, behind % t.n_chunks};
-  return b;
-}
-
-INLINE int first_row(Band b, int chunk) { return b.begin_y + (chunk < b.begin_chunk); }
-INLINE int row_behind(Band b, int chunk) { return b.end_y + (chunk < b.end_chunk); }
-
-// Of the node rows beside a band another thread has moved the nodes. They are asked for together, since
-// each comes from that thread's cache, and what is read of them one by one is waited for.
-INLINE void fetch_borders(RowTable t, Band band, __global const real* u, int chunk) {
-  if (chunk >= t.n_chunks) return;
-  for (int side = 0; side < 2; ++side) {
-    const int y = side ? row_behind(band, chunk) : first_row(band, chunk) - 1;
-    if (y < 0 || y == t.n_y) continue;
-    __global const int* first = t.row_begin + (long)chunk * t.n_y + y;
-    for (int i = first[0]; i < first[1]; ++i) {
-      __global const int* row = t.rows + TLED_RUN * i;
-      __global const real* nodes = u + (long)row[RUN_BLOCK] * (3 * TLED_LANES);
-      for (int k = 0; k < row[RUN_BLOCKS] * (3 * TLED_LANES); k += LINE_REALS)
-        prefetch_to_read(nodes + k);
-    }
-  }
-}
 
 INLINE void process_rows(ElementTables t, __global const real* u, __global real* out, RowTable table,
                          __global const real* node_sets, __global real* all_scratch,
-                         __global real* edge, const SlideArrays* sliding,
+                         __global real* all_edges, const SlideArrays* sliding,
                          const SlideSurfaces* surfaces, const int physical, const int cube,
                          const int forces_only, const int has_levels) {
-  const int item = (int)get_global_id(0);
-  const Band band = band_of(table, item);
-  __global real* scratch =
-      all_scratch + item * TLED_BAND_REALS((long)table.n_planes, TLED_WIDTH, TLED_LANES);
-  const RowArrays arrays = {u, node_sets, out, scratch, edge,
-                            scratch + table.n_planes * (SCRATCH_ROWS * TLED_LANES)};
+  const int band = (int)get_global_id(0);
+  __global real* scratch = all_scratch + band * SCRATCH_REALS((long)table.n_planes, TLED_LANES);
+  __global real* edge =
+      all_edges + band * BAND_EDGE_REALS((long)table.n_edges, TLED_WIDTH, TLED_LANES);
+  const RowArrays arrays = {u, node_sets, out, scratch, edge};
   const int gravity = t.step[STEP_GRAVITY] != R(0.0) || t.step[STEP_GRAVITY + 1] != R(0.0) ||
                               t.step[STEP_GRAVITY + 2] != R(0.0)
                           ? ROW_GRAVITY
                           : 0;
   SlidingQueue queue;
   queue.begin = queue.end = queue.n_zones = queue.n_records = 0;
-  fetch_borders(table, band, u, 0);
-  fetch_borders(table, band, u, 1);
+  const int begin_cell = table.bands[2 * band], end_cell = table.bands[2 * band + 1];
+  // Whose elements have nodes in the band: the rows behind its first one's neighbour in the chunk before.
+  const int from_cell = begin_cell > table.n_y ? begin_cell - table.n_y - 1 : 0;
+  const int own = table.row_begin[begin_cell];
   Face one, other, carried;
-  for (int chunk = 0; chunk < table.n_chunks; ++chunk) {
-    fetch_borders(table, band, u, chunk + 2);
-    __global const int* row_begin = table.row_begin + (long)chunk * table.n_y;
-    // What the last chunk before the cut gives the first behind it is computed here too.
-    const int before_cut = chunk + 1 == band.begin_chunk;
-    const int own_y = first_row(band, chunk), own = row_begin[own_y],
-              behind = row_begin[row_behind(band, chunk)];
-    if (own == behind && !before_cut) continue;
-    // The row below the band is a seed.
-    const int from_y = before_cut ? band.begin_y - 1 : own_y - 1;
-    const int is_cut = band.begin_chunk > 0 && chunk + 1 >= band.begin_chunk;
-    const int cut = row_begin[band.begin_y], cut_end = is_cut ? row_begin[band.begin_y + 1] : cut;
-    for (int i = 0; i < table.n_planes * SCRATCH_ROWS; ++i)
-      store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
-    for (int i = row_begin[from_y < 0 ? 0 : from_y]; i < behind; ++i) {
+  int y = from_cell % table.n_y;
+  for (int cell = from_cell; cell < end_cell; ++cell, ++y) {
+    if (y == table.n_y) y = 0;
+    if (y == 0 || cell == from_cell)
+      for (int i = 0; i < table.n_planes * SCRATCH_ROWS; ++i)
+        store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
+    for (int i = table.row_begin[cell]; i < table.row_begin[cell + 1]; ++i) {
       __global const int* row = table.rows + TLED_RUN * i;
       const int begin = row[RUN_BLOCK], end = begin + row[RUN_BLOCKS];
-      const int flags =
-          (i < own ? ROW_SEED : 0) | (i >= cut && i < cut_end ? ROW_CUT : 0) | gravity;
+      const int flags = (i < own ? ROW_SEED : 0) | gravity;
       int n_faces = 0;
       clear_face(&carried);
       for (int block = begin; block < end; ++block) {
@@ -288,12 +247,12 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
       __global const real* restrict muscle_sets, __global const real* restrict muscle_constants,   \
       __global const real* restrict shape, __global const real* restrict step_table,               \
       __global real* restrict scratch, __global real* restrict edge, int n_bands, int n_planes,    \
-      int n_chunks, int n_y, int step_index, int step_reals
+      int n_edges, int n_y, int step_index, int step_reals
 #define TLED_ROWS_TABLES                                                           \
   {blocks,         materials,    law_entries, law_sets,                            \
    history,        next_history, muscle_entries, muscle_sets,                      \
    muscle_constants, shape,      step_table + step_index * step_reals}
-#define TLED_ROWS_TABLE {bands, row_begin, rows, n_planes, n_chunks, n_y}
+#define TLED_ROWS_TABLE {bands, row_begin, rows, n_planes, n_edges, n_y}
 
 #define TLED_ROWS_KERNEL(name, physical, cube, forces_only, has_levels)                            \
   __kernel void name(TLED_ROWS_ARGUMENTS) {                                                        \

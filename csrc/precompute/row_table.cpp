@@ -49,16 +49,15 @@ RowTable make_row_table(const SolverArrays& arrays, const std::vector<std::uint8
       if (!in_run) table.rows.insert(table.rows.end(), {b, 0, 0, 0});
       in_run = true;
       ++table.rows[table.rows.size() - TLED_RUN + RUN_BLOCKS];
-      table.work[place % table.n_y * table.n_chunks + place / table.n_y] +=
-          link(b, BLOCK_MATERIAL) >= 0 ? 1.0 : kEmptyBlock;
+      table.work[place] += link(b, BLOCK_MATERIAL) >= 0 ? 1.0 : kEmptyBlock;
     }
   }
   table.row_begin.push_back(n_runs());
   return table;
 }
 
-RowDealer::RowDealer(const std::vector<double>& work, std::int32_t n_chunks)
-    : sums_(work.size() + 1, 0.0), n_chunks_(n_chunks) {
+RowDealer::RowDealer(const std::vector<double>& work, std::int32_t n_y)
+    : sums_(work.size() + 1, 0.0), n_y_(n_y) {
   for (std::size_t i = 0; i < work.size(); ++i) sums_[i + 1] = sums_[i] + work[i];
 }
 
@@ -66,24 +65,23 @@ double RowDealer::work(std::int32_t begin, std::int32_t end) const {
   return sums_[end] - before(begin);
 }
 
-// How far a band from `begin` on can go; as many cells as a row has at least.
+// How far a band from `begin` on can go; as many cells as a chunk has at least.
 std::int32_t RowDealer::end_within(std::int32_t begin, double most) const {
   const double until = before(begin) + most;
-  const auto least = std::min<std::ptrdiff_t>(begin + n_chunks_ + 1, static_cast<std::ptrdiff_t>(sums_.size()));
+  const auto least = std::min<std::ptrdiff_t>(begin + n_y_ + 1, static_cast<std::ptrdiff_t>(sums_.size()));
   const auto behind = std::upper_bound(sums_.begin() + least, sums_.end(), until);
   return static_cast<std::int32_t>(behind - sums_.begin()) - 1;
 }
 
 std::vector<std::int32_t> RowDealer::deal(const std::vector<double>& speeds) const {
-  const std::int32_t n = n_cells(), n_rows = n / n_chunks_;
-  const auto n_bands = std::min<std::int32_t>(static_cast<std::int32_t>(speeds.size()), n_rows);
+  const std::int32_t n = n_cells(), n_chunks = n / n_y_;
+  const auto n_bands = std::min<std::int32_t>(static_cast<std::int32_t>(speeds.size()), n_chunks);
   const auto bands_within = [&](double seconds, std::vector<std::int32_t>* bands) {
     std::int32_t cell = 0;
     for (std::int32_t band = 0; band < n_bands; ++band) {
       const std::int32_t begin = cell;
-      // Rows are left for the others.
-      cell = std::min(end_within(begin, seconds * speeds[band]),
-                      n - (n_bands - band - 1) * n_chunks_);
+      // Chunks are left for the others.
+      cell = std::min(end_within(begin, seconds * speeds[band]), n - (n_bands - band - 1) * n_y_);
       if (bands) bands->insert(bands->end(), {begin, band + 1 < n_bands ? cell : n});
     }
     return cell == n;

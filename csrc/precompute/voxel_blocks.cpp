@@ -31,22 +31,22 @@ void make_distinct(std::vector<Key>& keys) {
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
 }
 
-// The axes that need fewest blocks of lanes; of those, bands along the longest (y), columns along the
-// shortest (z).
+// The axes that need fewest blocks of lanes; of those, bands along the longest (x), since a chunk is
+// computed twice for each, and columns along the shortest (z).
 std::array<int, 3> choose_axis_order(const VoxelModel& model, int width, int height) {
   std::array<std::int32_t, 3> extent{};
   for (std::size_t i = 0; i < model.cells.size(); ++i)
     extent[i % 3] = std::max(extent[i % 3], model.cells[i] + 1);
   // Two axes may change places where blocks are as wide as high, or are rows: once is enough then.
-  const int free[2] = {width == height ? 0 : 1, width == height ? 1 : 2};
-  const bool changes = width == height || height == 1;
+  const auto leads = [&](int a, int b) {
+    return extent[a] != extent[b] ? extent[a] > extent[b] : a < b;
+  };
   std::vector<std::array<int, 3>> orders;
   for (const std::array<int, 3>& order :
-       {std::array<int, 3>{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}}) {
-    const int first = order[free[0]], second = order[free[1]];
-    const auto y = extent[order[1]], other = extent[order[1] == first ? second : first];
-    if (!changes || y > other || (y == other && first < second)) orders.push_back(order);
-  }
+       {std::array<int, 3>{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}})
+    if (!(width == height && !leads(order[0], order[1])) &&
+        !(height == 1 && !leads(order[1], order[2])))
+      orders.push_back(order);
   std::vector<std::size_t> n_blocks(orders.size());
   parallel_for(orders.size(), [&](std::size_t i) {
     const auto& order = orders[i];
@@ -60,7 +60,7 @@ std::array<int, 3> choose_axis_order(const VoxelModel& model, int width, int hei
   std::size_t best = 0;
   for (std::size_t i = 1; i < orders.size(); ++i) {
     const auto rank = [&](std::size_t k) {
-      return std::tuple(n_blocks[k], -extent[orders[k][1]], extent[orders[k][2]]);
+      return std::tuple(n_blocks[k], -extent[orders[k][0]], extent[orders[k][2]]);
     };
     if (rank(i) < rank(best)) best = i;
   }

@@ -36,11 +36,11 @@ class RowsPath final : public ForcePath {
     all_ = make_rows(make_row_table(arrays));
     const std::size_t real = real_size(options.precision);
     // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.
-    const std::size_t scratch =
-        TLED_BAND_REALS(std::size_t(all_.table.n_planes), arrays.width, arrays.lanes);
+    const std::size_t scratch = SCRATCH_REALS(std::size_t(all_.table.n_planes), arrays.lanes),
+                      edges = BAND_EDGE_REALS(std::size_t(arrays.n_edges), arrays.width,
+                                              arrays.lanes);
     scratch_ = binder.allocate(n_bands_ * scratch * real, bytes_);
-    edge_ = binder.allocate(
-        std::size_t(arrays.n_edges) * TLED_EDGE_REALS(arrays.width, arrays.lanes) * real, bytes_);
+    edge_ = binder.allocate(n_bands_ * edges * real, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
       step_[parity] = make_kernel("step_rows_" + step_form(arrays, options), parity);
       force_[parity] = make_kernel("force_rows_" + form_of(options), parity);
@@ -138,7 +138,7 @@ class RowsPath final : public ForcePath {
   DueRows make_rows(RowTable table) {
     DueRows due;
     if (!table.rows.empty()) {
-      due.balance = BandBalance(table.work, table.n_chunks, n_bands_);
+      due.balance = BandBalance(table.work, table.n_y, n_bands_);
       due.bands = binder_.upload(due.balance.bands(), bytes_);
       due.row_begin = binder_.upload(table.row_begin, bytes_);
       due.rows = binder_.upload(table.rows, bytes_);
@@ -162,7 +162,7 @@ class RowsPath final : public ForcePath {
          b.history[1 - parity], b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape,
          b.step_table, scratch_.get(), edge_.get()},
         {static_cast<std::int32_t>(all_.balance.n_bands()), all_.table.n_planes,
-         all_.table.n_chunks, all_.table.n_y, 0, options_.step_reals});
+         arrays_.n_edges, all_.table.n_y, 0, options_.step_reals});
   }
 
   const Binder binder_;
