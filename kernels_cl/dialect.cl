@@ -111,7 +111,8 @@ INLINE real lane_of(realv v, int lane) { return ((const real*)&v)[lane]; }
 // A block of lanes is TLED_WIDTH of them along x and the rest along y, x first (layout.cl). A lane takes
 // what is one on in x or y: of the last ones from the block behind, `next`.
 // One before likewise: of the first ones from the block before, `before`.
-// store_last: of each y three values of the lane that is last in x, behind the place of a fourth.
+// store_last: an edge, of each y three values of the lane that is last in x, behind the place of a fourth;
+// previous_behind_edge: one before in x, of the first ones the component of an edge.
 #if TLED_LANES == 16
 INLINE realv next_in_x(realv own, realv next) {
   return (realv)(own.s1, own.s2, own.s3, next.s0, own.s5, own.s6, own.s7, next.s4, own.s9, own.sa,
@@ -127,7 +128,11 @@ INLINE void store_last(realv a, realv b, realv c, __global real* p) {
   store_lanes((realv)(a.s3, a.s3, b.s3, c.s3, a.s7, a.s7, b.s7, c.s7, a.sb, a.sb, b.sb, c.sb, a.sf,
                       a.sf, b.sf, c.sf), p);
 }
-INLINE realv load_unaligned(__global const real* p) { return vload16(0, p); }
+INLINE realv edge_lanes(realv e, const int component) {
+  if (component == 0) return e.s111155559999dddd;
+  if (component == 1) return e.s22226666aaaaeeee;
+  return e;
+}
 #elif TLED_LANES == 8
 INLINE realv next_in_x(realv own, realv next) {
   return (realv)(own.s1, own.s2, own.s3, next.s0, own.s5, own.s6, own.s7, next.s4);
@@ -140,7 +145,11 @@ INLINE realv previous_in_y(realv own, realv before) { return (realv)(before.hi, 
 INLINE void store_last(realv a, realv b, realv c, __global real* p) {
   store_lanes((realv)(a.s3, a.s3, b.s3, c.s3, a.s7, a.s7, b.s7, c.s7), p);
 }
-INLINE realv load_unaligned(__global const real* p) { return vload8(0, p); }
+INLINE realv edge_lanes(realv e, const int component) {
+  if (component == 0) return e.s11115555;
+  if (component == 1) return e.s22226666;
+  return e;
+}
 #elif TLED_LANES == 4
 INLINE realv next_in_x(realv own, realv next) { return (realv)(own.s1, own.s2, own.s3, next.s0); }
 INLINE realv next_in_y(realv own, realv next) { return next; }
@@ -151,10 +160,17 @@ INLINE realv previous_in_y(realv own, realv before) { return before; }
 INLINE void store_last(realv a, realv b, realv c, __global real* p) {
   store_lanes((realv)(a.s3, a.s3, b.s3, c.s3), p);
 }
-INLINE realv load_unaligned(__global const real* p) { return vload4(0, p); }
+INLINE realv edge_lanes(realv e, const int component) {
+  if (component == 0) return e.s1111;
+  if (component == 1) return e.s2222;
+  return e;
+}
 #else
 #error "TLED_LANES must be 4, 8 or 16"
 #endif
+INLINE realv previous_behind_edge(realv own, __global const real* edge, const int component) {
+  return previous_in_x(own, edge_lanes(load_lanes(edge), component));
+}
 
 #endif  // TLED_VECTOR_ROWS
 

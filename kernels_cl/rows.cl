@@ -52,7 +52,7 @@ INLINE void clear_face(Face* f) {
 // Corner forces of one component from the face's; those at high y go into scratch. Returns the
 // force on the block's own nodes; *next: on those one on in x, the last of which are the next block's.
 INLINE realv distribute(FaceForce f, __global const real* from_left, __global real* scratch,
-                        realv* next) {
+                        realv* next, const int component) {
   const realv lower = f.s - f.y, lower_x = f.x - f.xy, upper = f.s + f.y, upper_x = f.x + f.xy;
   __global real* scratch_next = scratch + 3 * TLED_LANES;
   const realv upper_own = upper - upper_x, upper_next = upper + upper_x;
@@ -60,7 +60,7 @@ INLINE realv distribute(FaceForce f, __global const real* from_left, __global re
   *next = lower + lower_x + previous_in_y(upper_next, load_lanes(scratch_next));
   store_lanes(upper_own, scratch);
   store_lanes(upper_next, scratch_next);
-  return own + previous_in_x(*next, load_unaligned(from_left));
+  return own + previous_behind_edge(*next, from_left, component);
 }
 
 // u_next = u + velocity (u - u_prev) - force f / m + gravity, zero increment where 1/m is 0.
@@ -87,9 +87,8 @@ typedef struct {
 // Returns the forces on the nodes one on in x.
 INLINE realv finish_component(RowNodes n, FaceForce f, const int component, const int forces_only) {
   realv next;
-  // Where the last lane in x meets the component's place (layout.cl).
-  __global const real* left = n.from_left + component + 2 - TLED_WIDTH;
-  const realv force = distribute(f, left, n.scratch + component * TLED_LANES, &next);
+  const realv force =
+      distribute(f, n.from_left, n.scratch + component * TLED_LANES, &next, component);
   if (n.seed) return next;
   if (forces_only)
     store_lanes(force, n.out + component * TLED_LANES);

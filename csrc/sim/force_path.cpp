@@ -29,10 +29,8 @@ class RowsPath final : public ForcePath {
   RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
            const ForcePathOptions& options)
       : binder_(binder), arrays_(arrays), buffers_(b), options_(options), u_{b.u[0], b.u[1]} {
-    // A band for each thread, if they follow what the threads do; else two, which levels them out
-    // and does not cost too many seed rows.
-    const std::size_t units = device.info().compute_units;
-    n_bands_ = options.n_bands ? options.n_bands : (device.times_items() ? 1 : 2) * units;
+    // Each further band computes a chunk twice; two for a thread level threads out by less than that.
+    n_bands_ = options.n_bands ? options.n_bands : device.info().compute_units;
     all_ = make_rows(make_row_table(arrays));
     const std::size_t real = real_size(options.precision);
     // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.

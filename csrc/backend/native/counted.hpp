@@ -185,7 +185,9 @@ inline realv previous_in_x(const realv& own, const realv& before) {
   return Counted(before.use());
 }
 inline realv previous_in_y(const realv&, const realv& before) { return before; }
-inline realv load_unaligned(const real* p) { return Counted(*p); }
+inline realv previous_behind_edge(const realv& own, const real* edge, const int component) {
+  return previous_in_x(own, Counted(edge[component + 1]));
+}
 inline void store_last(const realv& a, const realv& b, const realv& c, real* p) {
   p[1] = a.use();
   p[2] = b.use();

@@ -68,9 +68,6 @@ inline int lowest_bit(int bits) { return __builtin_ctz(static_cast<unsigned>(bit
 inline int all_below(realv a, realv b) { return lanes_not_below(a, b) == 0; }
 
 // Blocks of TLED_WIDTH lanes along x and the rest along y: see dialect.cl.
-inline realv load_unaligned(const real* p) {
-  return *reinterpret_cast<const realv_anywhere*>(p);
-}
 #if TLED_LANES == 16 && !TLED_DOUBLE && defined(__AVX512BW__)
 // One instruction each that the compiler does not find: its own take an index from memory.
 inline realv next_in_x(realv own, realv next) {
@@ -84,6 +81,11 @@ inline realv previous_in_x(realv own, realv before) {
 }
 inline realv previous_in_y(realv own, realv before) {
   return (realv)_mm512_alignr_epi32((__m512i)own, (__m512i)before, 12);
+}
+inline realv previous_behind_edge(realv own, const real* edge, const int component) {
+  const int e = 17 + component;
+  const __m512i from = _mm512_setr_epi32(e, 0, 1, 2, e + 4, 4, 5, 6, e + 8, 8, 9, 10, e + 12, 12, 13, 14);
+  return (realv)_mm512_permutex2var_ps((__m512)own, from, (__m512)load_lanes(edge));
 }
 inline void store_last(realv a, realv b, realv c, real* p) {
   const __m512 ends = _mm512_unpackhi_ps((__m512)b, (__m512)c);
@@ -138,6 +140,12 @@ inline void store_last(realv a, realv b, realv c, real* p) {
 }
 #else
 #error "TLED_LANES: 4, 8, or 16 of AVX-512"
+#endif
+#if TLED_LANES < 16
+inline realv previous_behind_edge(realv own, const real* edge, const int component) {
+  // From where the component is the last in x.
+  return previous_in_x(own, *reinterpret_cast<const realv_anywhere*>(edge + component - 2));
+}
 #endif
 inline real lane_of(realv v, int lane) { return v[lane]; }
 
