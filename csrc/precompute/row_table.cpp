@@ -68,7 +68,8 @@ double RowDealer::work(std::int32_t begin, std::int32_t end) const {
 // How far a band from `begin` on can go; as many cells as a chunk has at least.
 std::int32_t RowDealer::end_within(std::int32_t begin, double most) const {
   const double until = before(begin) + most;
-  const auto least = std::min<std::ptrdiff_t>(begin + n_y_ + 1, static_cast<std::ptrdiff_t>(sums_.size()));
+  const auto least =
+      std::min<std::ptrdiff_t>(begin + n_y_ + 1, static_cast<std::ptrdiff_t>(sums_.size()));
   const auto behind = std::upper_bound(sums_.begin() + least, sums_.end(), until);
   return static_cast<std::int32_t>(behind - sums_.begin()) - 1;
 }

@@ -21,9 +21,9 @@ struct RowTable {
 RowTable make_row_table(const SolverArrays& arrays, const std::vector<std::uint8_t>& levels = {},
                         int highest = 0);
 
-// Cuts cells, n_y of which are a chunk, into bands of as many or more so that the slowest is done early. A
-// band takes its work over its speed, that of the cells before its first one included which it computes
-// once more: a chunk and one.
+// Cuts cells, n_y of which are a chunk, into bands of as many or more so that the slowest is done
+// early. A band takes its work over its speed, that of the cells before its first one included
+// which it computes once more: a chunk and one.
 class RowDealer {
  public:
   RowDealer(const std::vector<double>& work, std::int32_t n_y);

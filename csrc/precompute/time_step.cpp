@@ -97,8 +97,8 @@ std::vector<double> node_stiffness(const VoxelModel& model, const SolverArrays& 
                           below_before = link(before_y, BLOCK_PREV_Z);
         const auto add_row = [&](double* nodes, std::size_t block, std::size_t first) {
           const double* elements = &of_element[block * lanes + first];
-          nodes[0] += elements[0] +
-                      of_element[link(block, BLOCK_PREV_X) * lanes + first + width - 1];
+          nodes[0] +=
+              elements[0] + of_element[link(block, BLOCK_PREV_X) * lanes + first + width - 1];
           for (std::size_t l = 1; l < width; ++l) nodes[l] += elements[l] + elements[l - 1];
         };
         for (std::size_t first = 0; first < lanes; first += width) {

@@ -31,8 +31,8 @@ void make_distinct(std::vector<Key>& keys) {
   keys.erase(std::unique(keys.begin(), keys.end()), keys.end());
 }
 
-// The axes that need fewest blocks of lanes; of those, bands along the longest (x), since a chunk is
-// computed twice for each, and columns along the shortest (z).
+// The axes that need fewest blocks of lanes; of those, bands along the longest (x), since a chunk
+// is computed twice for each, and columns along the shortest (z).
 std::array<int, 3> choose_axis_order(const VoxelModel& model, int width, int height) {
   std::array<std::int32_t, 3> extent{};
   for (std::size_t i = 0; i < model.cells.size(); ++i)
@@ -109,8 +109,8 @@ void place_voxels(const VoxelModel& model, const PrecomputeOptions& options, Sol
 
   arrays.node_slot.resize(n_nodes);
   for (std::size_t n = 0; n < n_nodes; ++n)
-    arrays.node_slot[n] = std::int64_t(index.at(keys[n])) * lanes +
-                          lane_of(permuted(&model.node_ijk[3 * n], order));
+    arrays.node_slot[n] =
+        std::int64_t(index.at(keys[n])) * lanes + lane_of(permuted(&model.node_ijk[3 * n], order));
   arrays.element_slot.resize(n_elements);
   for (std::size_t e = 0; e < n_elements; ++e) {
     const auto p = permuted(&model.cells[3 * e], order);

@@ -29,14 +29,15 @@ class RowsPath final : public ForcePath {
   RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
            const ForcePathOptions& options)
       : binder_(binder), arrays_(arrays), buffers_(b), options_(options), u_{b.u[0], b.u[1]} {
-    // Each further band computes a chunk twice; two for a thread level threads out by less than that.
+    // Each further band computes a chunk twice; two for a thread level threads out by less than
+    // that.
     n_bands_ = options.n_bands ? options.n_bands : device.info().compute_units;
     all_ = make_rows(make_row_table(arrays));
     const std::size_t real = real_size(options.precision);
     // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.
     const std::size_t scratch = SCRATCH_REALS(std::size_t(all_.table.n_planes), arrays.lanes),
-                      edges = BAND_EDGE_REALS(std::size_t(arrays.n_edges), arrays.width,
-                                              arrays.lanes);
+                      edges =
+                          BAND_EDGE_REALS(std::size_t(arrays.n_edges), arrays.width, arrays.lanes);
     scratch_ = binder.allocate(n_bands_ * scratch * real, bytes_);
     edge_ = binder.allocate(n_bands_ * edges * real, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
@@ -159,8 +160,8 @@ class RowsPath final : public ForcePath {
          b.blocks, b.materials, b.node_sets, b.law_entries, b.law_sets, b.history[parity],
          b.history[1 - parity], b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape,
          b.step_table, scratch_.get(), edge_.get()},
-        {static_cast<std::int32_t>(all_.balance.n_bands()), all_.table.n_planes,
-         arrays_.n_edges, all_.table.n_y, 0, options_.step_reals});
+        {static_cast<std::int32_t>(all_.balance.n_bands()), all_.table.n_planes, arrays_.n_edges,
+         all_.table.n_y, 0, options_.step_reals});
   }
 
   const Binder binder_;

@@ -270,7 +270,7 @@ def _read_layout(group: h5py.Group) -> dict[str, Any]:
 
 
 def _is_elsewhere(layout: dict[str, Any], sim: Simulator) -> bool:
-    """Whether nodes stand elsewhere: on a device of other lanes, or in the blocks of an older version."""
+    """Whether nodes stand elsewhere: a device of other lanes, or the blocks of an older version."""
     core = sim._core
     return (
         layout["lanes"] != core.lanes

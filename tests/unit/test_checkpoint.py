@@ -211,7 +211,7 @@ def test_another_device_goes_on_with_a_warning(executor, steps, tmp_path):
 
 @pytest.mark.parametrize(("more_lanes", "turn"), [(3, 1), (0, 1), (0, 0)])
 def test_the_arrangement_of_another_device_is_translated(executor, more_lanes, turn, tmp_path):
-    """Of another device, or of another version: a file with other lanes, axes and places is made up."""
+    """Of another device, or another version: a file of other lanes, axes, places is made up."""
     sim = make_sim(precision="double", **executor.kwargs)
     sim.step(100)
     sim.checkpoint(tmp_path / "c.h5")

@@ -67,7 +67,7 @@ inline int lanes_not_below(realv a, realv b) {
 inline int lowest_bit(int bits) { return __builtin_ctz(static_cast<unsigned>(bits)); }
 inline int all_below(realv a, realv b) { return lanes_not_below(a, b) == 0; }
 
-// Blocks of TLED_WIDTH lanes along x and the rest along y: see dialect.cl.
+// Blocks of four lanes along x and the rest along y: see dialect.cl.
 #if TLED_LANES == 16 && !TLED_DOUBLE && defined(__AVX512BW__)
 // One instruction each that the compiler does not find: its own take an index from memory.
 inline realv next_in_x(realv own, realv next) {
@@ -84,7 +84,8 @@ inline realv previous_in_y(realv own, realv before) {
 }
 inline realv previous_behind_edge(realv own, const real* edge, const int component) {
   const int e = 17 + component;
-  const __m512i from = _mm512_setr_epi32(e, 0, 1, 2, e + 4, 4, 5, 6, e + 8, 8, 9, 10, e + 12, 12, 13, 14);
+  const __m512i from =
+      _mm512_setr_epi32(e, 0, 1, 2, e + 4, 4, 5, 6, e + 8, 8, 9, 10, e + 12, 12, 13, 14);
   return (realv)_mm512_permutex2var_ps((__m512)own, from, (__m512)load_lanes(edge));
 }
 inline void store_last(realv a, realv b, realv c, real* p) {
