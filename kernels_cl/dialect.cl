@@ -108,37 +108,69 @@ INLINE int lanes_not_below(realv a, realv b) {
 }
 INLINE real lane_of(realv v, int lane) { return ((const real*)&v)[lane]; }
 
-// Lane l of the result is lane l + 1 of `own`; the last is lane 0 of `next`.
-// Lane l of the second is lane l - 1 of `own`; lane 0 is `first`.
+// A block of lanes is TLED_WIDTH of them along x and the rest along y, x first (layout.cl). A lane takes
+// what is one on in x or y: of the last ones from the block behind, `next`.
+// One before likewise: of the first ones from the block before, `before`.
+// store_last: an edge, of each y three values of the lane that is last in x, behind the place of a fourth;
+// previous_behind_edge: one before in x, of the first ones the component of an edge.
 #if TLED_LANES == 16
-INLINE realv next_lanes(realv own, realv next) {
-  return (realv)(own.s1, own.s2, own.s3, own.s4, own.s5, own.s6, own.s7, own.s8, own.s9, own.sa,
-                 own.sb, own.sc, own.sd, own.se, own.sf, next.s0);
+INLINE realv next_in_x(realv own, realv next) {
+  return (realv)(own.s1, own.s2, own.s3, next.s0, own.s5, own.s6, own.s7, next.s4, own.s9, own.sa,
+                 own.sb, next.s8, own.sd, own.se, own.sf, next.sc);
 }
-INLINE realv previous_lanes(realv own, real first) {
-  return (realv)(first, own.s0, own.s1, own.s2, own.s3, own.s4, own.s5, own.s6, own.s7, own.s8,
-                 own.s9, own.sa, own.sb, own.sc, own.sd, own.se);
+INLINE realv next_in_y(realv own, realv next) { return (realv)(own.s4567, own.s89abcdef, next.s0123); }
+INLINE realv previous_in_x(realv own, realv before) {
+  return (realv)(before.s3, own.s0, own.s1, own.s2, before.s7, own.s4, own.s5, own.s6, before.sb,
+                 own.s8, own.s9, own.sa, before.sf, own.sc, own.sd, own.se);
 }
-INLINE real last_lane(realv v) { return v.sf; }
+INLINE realv previous_in_y(realv own, realv before) { return (realv)(before.scdef, own.s01234567, own.s89ab); }
+INLINE void store_last(realv a, realv b, realv c, __global real* p) {
+  store_lanes((realv)(a.s3, a.s3, b.s3, c.s3, a.s7, a.s7, b.s7, c.s7, a.sb, a.sb, b.sb, c.sb, a.sf,
+                      a.sf, b.sf, c.sf), p);
+}
+INLINE realv edge_lanes(realv e, const int component) {
+  if (component == 0) return e.s111155559999dddd;
+  if (component == 1) return e.s22226666aaaaeeee;
+  return e;
+}
 #elif TLED_LANES == 8
-INLINE realv next_lanes(realv own, realv next) {
-  return (realv)(own.s1, own.s2, own.s3, own.s4, own.s5, own.s6, own.s7, next.s0);
+INLINE realv next_in_x(realv own, realv next) {
+  return (realv)(own.s1, own.s2, own.s3, next.s0, own.s5, own.s6, own.s7, next.s4);
 }
-INLINE realv previous_lanes(realv own, real first) {
-  return (realv)(first, own.s0, own.s1, own.s2, own.s3, own.s4, own.s5, own.s6);
+INLINE realv next_in_y(realv own, realv next) { return (realv)(own.hi, next.lo); }
+INLINE realv previous_in_x(realv own, realv before) {
+  return (realv)(before.s3, own.s0, own.s1, own.s2, before.s7, own.s4, own.s5, own.s6);
 }
-INLINE real last_lane(realv v) { return v.s7; }
+INLINE realv previous_in_y(realv own, realv before) { return (realv)(before.hi, own.lo); }
+INLINE void store_last(realv a, realv b, realv c, __global real* p) {
+  store_lanes((realv)(a.s3, a.s3, b.s3, c.s3, a.s7, a.s7, b.s7, c.s7), p);
+}
+INLINE realv edge_lanes(realv e, const int component) {
+  if (component == 0) return e.s11115555;
+  if (component == 1) return e.s22226666;
+  return e;
+}
 #elif TLED_LANES == 4
-INLINE realv next_lanes(realv own, realv next) {
-  return (realv)(own.s1, own.s2, own.s3, next.s0);
+INLINE realv next_in_x(realv own, realv next) { return (realv)(own.s1, own.s2, own.s3, next.s0); }
+INLINE realv next_in_y(realv own, realv next) { return next; }
+INLINE realv previous_in_x(realv own, realv before) {
+  return (realv)(before.s3, own.s0, own.s1, own.s2);
 }
-INLINE realv previous_lanes(realv own, real first) {
-  return (realv)(first, own.s0, own.s1, own.s2);
+INLINE realv previous_in_y(realv own, realv before) { return before; }
+INLINE void store_last(realv a, realv b, realv c, __global real* p) {
+  store_lanes((realv)(a.s3, a.s3, b.s3, c.s3), p);
 }
-INLINE real last_lane(realv v) { return v.s3; }
+INLINE realv edge_lanes(realv e, const int component) {
+  if (component == 0) return e.s1111;
+  if (component == 1) return e.s2222;
+  return e;
+}
 #else
 #error "TLED_LANES must be 4, 8 or 16"
 #endif
+INLINE realv previous_behind_edge(realv own, __global const real* edge, const int component) {
+  return previous_in_x(own, edge_lanes(load_lanes(edge), component));
+}
 
 #endif  // TLED_VECTOR_ROWS
 

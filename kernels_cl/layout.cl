@@ -1,9 +1,19 @@
 // How the arrays that the kernels share are laid out (built by csrc/precompute).
 //
-// Nodes stand in blocks: TLED_LANES neighbours along x, at one (y, z). The element whose low
-// corner is lane l of a block is lane l of that block. Reals of a block are stored together, one
-// row of lanes a quantity, so the row r of block b of an array with n rows begins at
-// (b n + r) TLED_LANES. One empty block stands behind the last; links that lead nowhere lead there.
+// Nodes stand in blocks: TLED_LANES neighbours in one plane of z, TLED_WIDTH along x by TLED_HEIGHT
+// along y, lane = x + TLED_WIDTH y. The element whose low corner is lane l of a block is lane l of that
+// block. Reals of a block are stored together, one row of lanes a quantity, so the row r of block b of
+// an array with n rows begins at (b n + r) TLED_LANES. One empty block stands behind the last; links
+// that lead nowhere lead there.
+
+// Lanes along x of a block of vector rows, which has as many as a quarter of a register of AVX-512, that
+// a lane is moved within, and of whose shape sheets and limbs fill most. Work-items of one lane have all
+// lanes along x, so that neighbours in memory are neighbours in x.
+#define TLED_ROW_WIDTH 4
+#define TLED_WIDTH_OF(vector_rows, lanes) \
+  ((vector_rows) && (lanes) > TLED_ROW_WIDTH ? TLED_ROW_WIDTH : (lanes))
+#define TLED_WIDTH TLED_WIDTH_OF(TLED_VECTOR_ROWS, TLED_LANES)
+#define TLED_HEIGHT (TLED_LANES / TLED_WIDTH)
 
 // blocks[TLED_BLOCK_INTS * block + ...]: links of one block.
 #define TLED_BLOCK_INTS 16
@@ -18,7 +28,7 @@
 #define BLOCK_PREV_Y 8
 #define BLOCK_PREV_Z 9
 #define BLOCK_NEXT_Z 10
-#define BLOCK_HAS_NEXT_X 11  // 0: BLOCK_NEXT_X is the empty block
+#define BLOCK_EDGE 11  // the place in `edge` of its y and z, its negative if no block is before it in x
 
 #define BLOCK_LAW_BEGIN 12  // its entries of `law_entries`
 #define BLOCK_LAW_END 13
@@ -90,8 +100,8 @@
 #define HEX_RATIO 48    // 6: h_x/h_y, and so on as SHAPE_RATIO
 #define HEX_VOLUME 54   // m^3
 
-// Rows of blocks that a band walks (rows.cl). bands[2 i]: first of the node rows in y of band i,
-// bands[2 i + 1]: the one behind its last. rows[4 i]: first block, number of blocks, first row of
+// Rows of blocks that a band walks (rows.cl), by cells: one for each chunk in x and row in y, chunk by
+// chunk. bands[2 i]: first cell of band i, bands[2 i + 1]: the one behind its last. rows[4 i]: first block, number of blocks, first row of
 // sliding nodes and how many there are; chunk by chunk in x, row by row in y, row_begin[chunk * rows
 // in y + y] the first of a chunk and row, and one more behind the last.
 #define TLED_RUN 4
@@ -100,12 +110,21 @@
 #define RUN_SLIDING 2
 #define RUN_SLIDING_COUNT 3
 
-// Rows of lanes a plane of scratch: forces x, y, z on the nodes of the next row of elements, by the
-// corners at low x (lane l: the node of lane l), then by those at high x (the node of lane l + 1).
+// Rows of lanes a plane of scratch: forces x, y, z on the nodes one on in y, of the last lanes those of
+// the next row of blocks, by the corners at low x, then by those at high x (the node one on in x).
 #define SCRATCH_ROWS 6
-// Reals between the scratches of two bands, a page or more: what a processor fetches ahead of one thread
-// is not to be what another writes.
-#define SCRATCH_GAP 1024
+// edge: what the last lanes in x of a block give the first of the block behind, forces x, y, z behind a
+// real that is nothing, for each y of it. A place for each y and z, read by a block before it writes
+// its own. Nothing is before the first place, and nothing but zero in TLED_NO_EDGE.
+#define TLED_EDGE_REALS(width, lanes) (4 * (lanes) / (width))
+#define TLED_NO_EDGE 1
+#define TLED_FIRST_EDGE 2
+// Reals of a band's scratch and edges. Between those of two bands lies a page or more: what a processor
+// fetches ahead of one thread is not to be what another writes.
+#define BAND_GAP 1024
+#define SCRATCH_REALS(n_planes, lanes) ((n_planes) * (SCRATCH_ROWS * (lanes)) + BAND_GAP)
+#define BAND_EDGE_REALS(n_edges, width, lanes) \
+  ((n_edges) * TLED_EDGE_REALS(width, lanes) + BAND_GAP)
 
 // Tiles of node columns that a work-group walks (tile.cl). tiles[TLED_TILE_INTS * tile + ...]; its
 // places are, of each plane from the one below its first node to the one above its last, of each

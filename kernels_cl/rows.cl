@@ -1,18 +1,18 @@
 // Fused element + node kernel for CPUs: vector rows of a block's lanes, no barrier, no atomics.
 //
-// One work-item owns a band of node rows in y. It walks its blocks chunk by chunk in x, row by row
-// in y, and plane by plane in z:
+// One work-item owns a band of blocks that follow each other in memory. It walks them chunk by chunk in
+// x, row by row in y, and plane by plane in z:
 //
 //        z ^   as: forces on the shared face, from the element below
 //          |   +-------+        what an element gives a node row of the next y goes into `scratch`
-//        k |   | elem  |  --->  (rows a plane), what its last lane gives lane 0 of the block
-//          |   +-------+        behind in x goes into `edge` (three reals a block).
+//        k |   | elem  |  --->  (rows a plane), what its last lanes in x give the first of the
+//          |   +-------+        block behind goes into `edge`.
 //          +-----------> y
 //
 // The transform of the face between two elements of a column is done once and stays in registers.
 // A node is finished as soon as all its elements have given their forces: it is integrated on the
-// spot, u_next over u_prev, which nobody else reads. The row of elements below the band is
-// computed here too (a seed row), so bands do not wait for each other. The order in which a node's
+// spot, u_next over u_prev, which nobody else reads. The chunk of elements before the band is
+// computed here too (its seeds), so bands do not wait for each other. The order in which a node's
 // forces are added does not depend on how rows are dealt to bands: results are the same bits for any
 // number of threads.
 
@@ -21,9 +21,10 @@ INLINE void load_face_component(__global const real* lower, __global const real*
                                 __global const real* upper, __global const real* upper_next,
                                 Face* face, const int component) {
   const int row = component * TLED_LANES;
-  const realv l = load_lanes(lower + row), h = load_lanes(upper + row);
-  const realv ln = next_lanes(l, load_lanes(lower_next + row));
-  const realv hn = next_lanes(h, load_lanes(upper_next + row));
+  const realv l = load_lanes(lower + row), right = load_lanes(lower_next + row);
+  const realv h = next_in_y(l, load_lanes(upper + row));
+  const realv ln = next_in_x(l, right);
+  const realv hn = next_in_x(h, next_in_y(right, load_lanes(upper_next + row)));
   const realv a = l + ln, b = ln - l, c = h + hn, d = hn - h;
   face->s[component] = a + c;
   face->x[component] = b + d;
@@ -49,16 +50,17 @@ INLINE void clear_face(Face* f) {
 }
 
 // Corner forces of one component from the face's; those at high y go into scratch. Returns the
-// force on the block's own nodes; *to_right: what its last elements give lane 0 of the block behind.
-INLINE realv distribute(FaceForce f, real from_left, __global real* scratch, real* to_right) {
+// force on the block's own nodes; *next: on those one on in x, the last of which are the next block's.
+INLINE realv distribute(FaceForce f, __global const real* from_left, __global real* scratch,
+                        realv* next, const int component) {
   const realv lower = f.s - f.y, lower_x = f.x - f.xy, upper = f.s + f.y, upper_x = f.x + f.xy;
   __global real* scratch_next = scratch + 3 * TLED_LANES;
-  const realv next = lower + lower_x + load_lanes(scratch_next);
-  const realv own = lower - lower_x + load_lanes(scratch);
-  store_lanes(upper - upper_x, scratch);
-  store_lanes(upper + upper_x, scratch_next);
-  *to_right = last_lane(next);
-  return own + previous_lanes(next, from_left);
+  const realv upper_own = upper - upper_x, upper_next = upper + upper_x;
+  const realv own = lower - lower_x + previous_in_y(upper_own, load_lanes(scratch));
+  *next = lower + lower_x + previous_in_y(upper_next, load_lanes(scratch_next));
+  store_lanes(upper_own, scratch);
+  store_lanes(upper_next, scratch_next);
+  return own + previous_behind_edge(*next, from_left, component);
 }
 
 // u_next = u + velocity (u - u_prev) - force f / m + gravity, zero increment where 1/m is 0.
@@ -78,32 +80,34 @@ INLINE void integrate(__global const real* u, __global real* u_prev,
 // edge. out: u_prev, which becomes the next displacement, or the forces (forces_only).
 typedef struct {
   __global const real *u, *inverse_mass, *step, *from_left;  // step: of their level
-  __global real *out, *scratch, *to_right;  // to_right: 0 where there is no block behind
+  __global real *out, *scratch, *to_right;
   int seed, has_gravity;
-  int left_rests;  // 1: what is in from_left is of an earlier step
 } RowNodes;
 
-INLINE void finish_component(RowNodes n, FaceForce f, const int component, const int forces_only) {
-  real right;
-  const real left = n.left_rests ? R(0.0) : n.from_left[component];
-  const realv force = distribute(f, left, n.scratch + component * TLED_LANES, &right);
-  if (n.seed) return;
-  if (n.to_right) n.to_right[component] = right;
+// Returns the forces on the nodes one on in x.
+INLINE realv finish_component(RowNodes n, FaceForce f, const int component, const int forces_only) {
+  realv next;
+  const realv force =
+      distribute(f, n.from_left, n.scratch + component * TLED_LANES, &next, component);
+  if (n.seed) return next;
   if (forces_only)
     store_lanes(force, n.out + component * TLED_LANES);
   else
     integrate(n.u, n.out, n.inverse_mass, n.step, n.has_gravity, force, component);
+  return next;
 }
 
-// What a band's rows read and write: out as above, scratch the band's own.
+// What a band's rows read and write: out as above, scratch and edge the band's own.
 typedef struct {
   __global const real *u, *node_sets;
   __global real *out, *scratch, *edge;
 } RowArrays;
 
 // What holds for a row of blocks.
-#define ROW_SEED 1     // forces only into scratch; nodes belong to the band below
+#define ROW_SEED 1     // forces only into scratch and edge; nodes belong to the band before
 #define ROW_GRAVITY 2  // there is gravity
+
+#define EDGE_REALS TLED_EDGE_REALS(TLED_WIDTH, TLED_LANES)
 
 INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* links, int block,
                           int flags, const int has_levels) {
@@ -113,15 +117,16 @@ INLINE RowNodes row_nodes(ElementTables t, RowArrays a, __global const int* link
   n.seed = flags & ROW_SEED;
   n.has_gravity = flags & ROW_GRAVITY;
   n.step = t.step + NODE_LEVEL(levels) * TLED_STEP_LEVEL;
-  n.left_rests =
-      has_levels && t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0);
   n.u = a.u + at;
   n.out = a.out + at;
   n.inverse_mass = a.node_sets + (long)links[BLOCK_NODE] * (TLED_NODE_ROWS * TLED_LANES);
   n.scratch = a.scratch + (long)links[BLOCK_PLANE] * (SCRATCH_ROWS * TLED_LANES);
-  // A seed row's forces are dropped, and the band below may be writing this edge just now.
-  n.from_left = n.seed ? n.scratch : a.edge + (long)block * 4;
-  n.to_right = links[BLOCK_HAS_NEXT_X] ? a.edge + (long)links[BLOCK_NEXT_X] * 4 : 0;
+  const int edge = links[BLOCK_EDGE];
+  n.to_right = a.edge + (long)(edge < 0 ? -edge : edge) * EDGE_REALS;
+  // What a block that rests has left there is of an earlier step.
+  const int nothing = edge < 0 ||
+      (has_levels && t.step[PREV_X_LEVEL(levels) * TLED_STEP_LEVEL + STEP_DUE] == R(0.0));
+  n.from_left = nothing ? a.edge + TLED_NO_EDGE * EDGE_REALS : n.to_right;
   return n;
 }
 
@@ -143,6 +148,7 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
   __global const int* links = t.blocks + (long)block * TLED_BLOCK_INTS;
   const RowNodes nodes = row_nodes(t, a, links, block, flags, has_levels);
   const real weight = element_weight(t, links, has_levels);
+  realv next_x, next_y, next_z;
   if (weight != R(0.0)) {
     if (*n_faces < 1) load_face(a.u, t.blocks, block, low);
     if (*n_faces < 2) load_face(a.u, t.blocks, block + 1, high);
@@ -156,49 +162,33 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
       *n_faces = 2;
     }
     if (weight != R(1.0)) weigh_element(&e, weight);
-    finish_component(nodes, element_force_x(&e, carried, physical), 0, forces_only);
-    finish_component(nodes, element_force_y(&e, carried, physical), 1, forces_only);
-    finish_component(nodes, element_force_z(&e, carried, physical), 2, forces_only);
+    next_x = finish_component(nodes, element_force_x(&e, carried, physical), 0, forces_only);
+    next_y = finish_component(nodes, element_force_y(&e, carried, physical), 1, forces_only);
+    next_z = finish_component(nodes, element_force_z(&e, carried, physical), 2, forces_only);
   } else {
-    finish_component(nodes, carried_only(carried, 0), 0, forces_only);
-    finish_component(nodes, carried_only(carried, 1), 1, forces_only);
-    finish_component(nodes, carried_only(carried, 2), 2, forces_only);
+    next_x = finish_component(nodes, carried_only(carried, 0), 0, forces_only);
+    next_y = finish_component(nodes, carried_only(carried, 1), 1, forces_only);
+    next_z = finish_component(nodes, carried_only(carried, 2), 2, forces_only);
     *n_faces = 0;
   }
+  store_last(next_x, next_y, next_z, nodes.to_right);
 }
 
 // Which rows there are, and the bands they are dealt to (layout.cl).
 typedef struct {
   __global const int *bands, *row_begin, *rows;
-  int n_planes, n_chunks, n_y;
+  int n_planes, n_edges, n_y;
 } RowTable;
-
-// Of the node rows beside a band another thread has moved the nodes. They are asked for at once, since
-// each comes from that thread's cache, and what is read of them one by one is waited for.
-INLINE void fetch_borders(RowTable t, __global const real* u, int begin, int end) {
-  for (int side = 0; side < 2; ++side) {
-    const int y = side ? end : begin - 1;
-    if (y < 0 || y == t.n_y) continue;
-    for (int chunk = 0; chunk < t.n_chunks; ++chunk) {
-      __global const int* first = t.row_begin + (long)chunk * t.n_y + y;
-      for (int i = first[0]; i < first[1]; ++i) {
-        __global const int* row = t.rows + TLED_RUN * i;
-        __global const real* nodes = u + (long)row[RUN_BLOCK] * (3 * TLED_LANES);
-        for (int k = 0; k < row[RUN_BLOCKS] * (3 * TLED_LANES); k += LINE_REALS)
-          prefetch_to_read(nodes + k);
-      }
-    }
-  }
-}
 
 INLINE void process_rows(ElementTables t, __global const real* u, __global real* out, RowTable table,
                          __global const real* node_sets, __global real* all_scratch,
-                         __global real* edge, const SlideArrays* sliding,
+                         __global real* all_edges, const SlideArrays* sliding,
                          const SlideSurfaces* surfaces, const int physical, const int cube,
                          const int forces_only, const int has_levels) {
   const int band = (int)get_global_id(0);
-  __global real* scratch =
-      all_scratch + band * ((long)table.n_planes * (SCRATCH_ROWS * TLED_LANES) + SCRATCH_GAP);
+  __global real* scratch = all_scratch + band * SCRATCH_REALS((long)table.n_planes, TLED_LANES);
+  __global real* edge =
+      all_edges + band * BAND_EDGE_REALS((long)table.n_edges, TLED_WIDTH, TLED_LANES);
   const RowArrays arrays = {u, node_sets, out, scratch, edge};
   const int gravity = t.step[STEP_GRAVITY] != R(0.0) || t.step[STEP_GRAVITY + 1] != R(0.0) ||
                               t.step[STEP_GRAVITY + 2] != R(0.0)
@@ -206,18 +196,18 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                           : 0;
   SlidingQueue queue;
   queue.begin = queue.end = queue.n_zones = queue.n_records = 0;
-  const int begin_y = table.bands[2 * band], end_y = table.bands[2 * band + 1];
-  fetch_borders(table, u, begin_y, end_y);
-  // The row below the band is a seed.
-  const int from_y = begin_y > 0 ? begin_y - 1 : 0;
+  const int begin_cell = table.bands[2 * band], end_cell = table.bands[2 * band + 1];
+  // Whose elements have nodes in the band: the rows behind its first one's neighbour in the chunk before.
+  const int from_cell = begin_cell > table.n_y ? begin_cell - table.n_y - 1 : 0;
+  const int own = table.row_begin[begin_cell];
   Face one, other, carried;
-  for (int chunk = 0; chunk < table.n_chunks; ++chunk) {
-    __global const int* row_begin = table.row_begin + (long)chunk * table.n_y;
-    const int own = row_begin[begin_y], behind = row_begin[end_y];
-    if (own == behind) continue;
-    for (int i = 0; i < table.n_planes * SCRATCH_ROWS; ++i)
-      store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
-    for (int i = row_begin[from_y]; i < behind; ++i) {
+  int y = from_cell % table.n_y;
+  for (int cell = from_cell; cell < end_cell; ++cell, ++y) {
+    if (y == table.n_y) y = 0;
+    if (y == 0 || cell == from_cell)
+      for (int i = 0; i < table.n_planes * SCRATCH_ROWS; ++i)
+        store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
+    for (int i = table.row_begin[cell]; i < table.row_begin[cell + 1]; ++i) {
       __global const int* row = table.rows + TLED_RUN * i;
       const int begin = row[RUN_BLOCK], end = begin + row[RUN_BLOCKS];
       const int flags = (i < own ? ROW_SEED : 0) | gravity;
@@ -256,12 +246,12 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
       __global const real* restrict muscle_sets, __global const real* restrict muscle_constants,   \
       __global const real* restrict shape, __global const real* restrict step_table,               \
       __global real* restrict scratch, __global real* restrict edge, int n_bands, int n_planes,    \
-      int n_chunks, int n_y, int step_index, int step_reals
+      int n_edges, int n_y, int step_index, int step_reals
 #define TLED_ROWS_TABLES                                                           \
   {blocks,         materials,    law_entries, law_sets,                            \
    history,        next_history, muscle_entries, muscle_sets,                      \
    muscle_constants, shape,      step_table + step_index * step_reals}
-#define TLED_ROWS_TABLE {bands, row_begin, rows, n_planes, n_chunks, n_y}
+#define TLED_ROWS_TABLE {bands, row_begin, rows, n_planes, n_edges, n_y}
 
 #define TLED_ROWS_KERNEL(name, physical, cube, forces_only, has_levels)                            \
   __kernel void name(TLED_ROWS_ARGUMENTS) {                                                        \

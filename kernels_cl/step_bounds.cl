@@ -46,8 +46,8 @@ INLINE realv stiffness_growth(Tensor cof, realv J, Symmetric G) {
   return spread * (R(1.0) / (G.xx + G.yy + G.zz)) * (R(0.5) + R(0.5) * inverse_J * inverse_J);
 }
 
-// Ends of the four edges along x of an element: where x of u is at the low ones (this lane), and of
-// the rows or lanes behind them.
+// Ends of the four edges along x of an element: where x of u is at the low ones and at those behind
+// them (this lane's), or where the rows begin that these are taken from.
 INLINE void element_edges(__global const int* blocks, int block, int lane, long low_at[4],
                           long high_at[4]) {
   __global const int* links = blocks + (long)block * TLED_BLOCK_INTS;
@@ -66,21 +66,21 @@ INLINE void element_edges(__global const int* blocks, int block, int lane, long 
   }
 }
 
-INLINE realv high_end(realv low, __global const real* high) {
-#if TLED_VECTOR_ROWS
-  return next_lanes(low, load_lanes(high));
-#else
-  return *high;
-#endif
-}
-
 // The x, y and z mode of one component. Differences come before sums: then those of float32 are
 // exact however far the element has moved as a whole.
 INLINE Vec linear_component(__global const real* u, const long low_at[4], const long high_at[4]) {
-  const realv a0 = load_lanes(u + low_at[0]), a1 = load_lanes(u + low_at[1]),
-              a2 = load_lanes(u + low_at[2]), a3 = load_lanes(u + low_at[3]);
-  const realv b0 = high_end(a0, u + high_at[0]), b1 = high_end(a1, u + high_at[1]),
-              b2 = high_end(a2, u + high_at[2]), b3 = high_end(a3, u + high_at[3]);
+  const realv a0 = load_lanes(u + low_at[0]), a2 = load_lanes(u + low_at[2]),
+              right0 = load_lanes(u + high_at[0]), right2 = load_lanes(u + high_at[2]);
+#if TLED_VECTOR_ROWS
+  const realv a1 = next_in_y(a0, load_lanes(u + low_at[1])),
+              a3 = next_in_y(a2, load_lanes(u + low_at[3]));
+  const realv b0 = next_in_x(a0, right0), b2 = next_in_x(a2, right2),
+              b1 = next_in_x(a1, next_in_y(right0, load_lanes(u + high_at[1]))),
+              b3 = next_in_x(a3, next_in_y(right2, load_lanes(u + high_at[3])));
+#else
+  const realv a1 = u[low_at[1]], a3 = u[low_at[3]];
+  const realv b0 = right0, b1 = u[high_at[1]], b2 = right2, b3 = u[high_at[3]];
+#endif
   Vec d;
   d.x = ((b0 - a0) + (b1 - a1)) + ((b2 - a2) + (b3 - a3));
   d.y = ((a1 - a0) + (b1 - b0)) + ((a3 - a2) + (b3 - b2));
@@ -239,18 +239,27 @@ INLINE realv gather_bounds(__global const real* elements, __global const int* bl
   const int rows[4] = {block, before_y, blocks[(long)block * TLED_BLOCK_INTS + BLOCK_PREV_Z],
                        blocks[(long)before_y * TLED_BLOCK_INTS + BLOCK_PREV_Z]};
   realv sum = broadcast(R(0.0));
+#if TLED_VECTOR_ROWS
+  realv own[4], left[4];
+  for (int i = 0; i < 4; ++i) {
+    own[i] = load_lanes(elements + (long)rows[i] * TLED_LANES);
+    left[i] = load_lanes(
+        elements + (long)blocks[(long)rows[i] * TLED_BLOCK_INTS + BLOCK_PREV_X] * TLED_LANES);
+    if (i & 1) {  // those one before in y of the plane
+      own[i] = previous_in_y(own[i - 1], own[i]);
+      left[i] = previous_in_y(left[i - 1], left[i]);
+    }
+    sum += own[i] + previous_in_x(own[i], left[i]);
+  }
+#else
   for (int i = 0; i < 4; ++i) {
     __global const real* own = elements + (long)rows[i] * TLED_LANES;
     __global const real* before =
         elements + (long)blocks[(long)rows[i] * TLED_BLOCK_INTS + BLOCK_PREV_X] * TLED_LANES +
         (TLED_LANES - 1);
-#if TLED_VECTOR_ROWS
-    const realv here = load_lanes(own);
-    sum += here + previous_lanes(here, *before);
-#else
     sum += own[lane] + (lane > 0 ? own[lane - 1] : *before);
-#endif
   }
+#endif
   return sum;
 }
 
@@ -345,11 +354,15 @@ __kernel void stiffest_element(__global int* restrict found, __global const real
   real stiffest = R(0.0);
   for (int corner = 0; corner < 8; ++corner) {
     int b = found[0] / TLED_LANES, l = lane;
-    if (corner & 2) b = blocks[(long)b * TLED_BLOCK_INTS + BLOCK_PREV_Y];
+    if (corner & 2) {
+      if (l < TLED_WIDTH) b = blocks[(long)b * TLED_BLOCK_INTS + BLOCK_PREV_Y];
+      l = (l + TLED_LANES - TLED_WIDTH) % TLED_LANES;
+    }
     if (corner & 4) b = blocks[(long)b * TLED_BLOCK_INTS + BLOCK_PREV_Z];
     if (corner & 1) {
-      if (l == 0) b = blocks[(long)b * TLED_BLOCK_INTS + BLOCK_PREV_X];
-      l = (l + TLED_LANES - 1) % TLED_LANES;
+      const int first = l % TLED_WIDTH == 0;
+      if (first) b = blocks[(long)b * TLED_BLOCK_INTS + BLOCK_PREV_X];
+      l += first ? TLED_WIDTH - 1 : -1;
     }
     const int slot = b * TLED_LANES + l;
     if (elements[slot] > stiffest) {

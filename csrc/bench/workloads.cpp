@@ -49,7 +49,8 @@ TriangleMesh bone(double width) {
 }
 
 // A shell of n x n columns of voxels between two heights: layers of skin from above, muscle in the
-// second voxel from below and a third of the lowest. Nodes stand column by column.
+// second voxel from below and, in a belt over the middle third, in the lowest. Nodes stand column
+// by column.
 struct Shell {
   VoxelModel model;
   std::vector<std::int64_t> lowest;  // nodes under the lowest voxels
@@ -81,7 +82,7 @@ Shell shell(int n, const Height& under, const Height& over) {
       const std::size_t c = std::size_t(j) * n + i;
       for (int k = bottom[c]; k < top[c]; ++k) {
         const int up = k - bottom[c], down = top[c] - 1 - k;
-        const bool in_muscle = up == 1 || (up == 0 && j % 3 == 0);
+        const bool in_muscle = up == 1 || (up == 0 && j >= n / 3 && j < n - n / 3);
         if (in_muscle) add_fibre(muscle, model.n_elements(), 0, 1, 0);
         const Moduli& moduli = in_muscle ? fibres : down == 0 ? skin : down < 3 ? dermis : fat;
         add_element(model, i, j, k - low, moduli, 11000);

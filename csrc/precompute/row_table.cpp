@@ -28,8 +28,8 @@ RowTable make_row_table(const SolverArrays& arrays, const std::vector<std::uint8
     table.n_planes = std::max(table.n_planes, link(b, BLOCK_PLANE) + 1);
   }
   table.n_y = last - lowest + 1;
-  table.work.assign(table.n_y, 0);
   const std::size_t n_places = std::size_t(table.n_chunks) * table.n_y;
+  table.work.assign(n_places, 0);
   table.row_begin.reserve(n_places + 1);
   const auto n_runs = [&] { return static_cast<std::int32_t>(table.rows.size() / TLED_RUN); };
   // Blocks stand chunk by chunk, row by row, as the table does.
@@ -49,40 +49,43 @@ RowTable make_row_table(const SolverArrays& arrays, const std::vector<std::uint8
       if (!in_run) table.rows.insert(table.rows.end(), {b, 0, 0, 0});
       in_run = true;
       ++table.rows[table.rows.size() - TLED_RUN + RUN_BLOCKS];
-      table.work[place % table.n_y] += link(b, BLOCK_MATERIAL) >= 0 ? 1.0 : kEmptyBlock;
+      table.work[place] += link(b, BLOCK_MATERIAL) >= 0 ? 1.0 : kEmptyBlock;
     }
   }
   table.row_begin.push_back(n_runs());
   return table;
 }
 
-RowDealer::RowDealer(const std::vector<double>& work) : sums_(work.size() + 1, 0.0) {
-  for (std::size_t y = 0; y < work.size(); ++y) sums_[y + 1] = sums_[y] + work[y];
+RowDealer::RowDealer(const std::vector<double>& work, std::int32_t n_y)
+    : sums_(work.size() + 1, 0.0), n_y_(n_y) {
+  for (std::size_t i = 0; i < work.size(); ++i) sums_[i + 1] = sums_[i] + work[i];
 }
 
 double RowDealer::work(std::int32_t begin, std::int32_t end) const {
-  return sums_[end] - sums_[begin > 0 ? begin - 1 : 0];
+  return sums_[end] - before(begin);
 }
 
-// How far a band from `begin` on can go; a row at least.
+// How far a band from `begin` on can go; as many cells as a chunk has at least.
 std::int32_t RowDealer::end_within(std::int32_t begin, double most) const {
-  const double until = sums_[begin > 0 ? begin - 1 : 0] + most;
-  const auto behind = std::upper_bound(sums_.begin() + begin + 2, sums_.end(), until);
+  const double until = before(begin) + most;
+  const auto least =
+      std::min<std::ptrdiff_t>(begin + n_y_ + 1, static_cast<std::ptrdiff_t>(sums_.size()));
+  const auto behind = std::upper_bound(sums_.begin() + least, sums_.end(), until);
   return static_cast<std::int32_t>(behind - sums_.begin()) - 1;
 }
 
 std::vector<std::int32_t> RowDealer::deal(const std::vector<double>& speeds) const {
-  const std::int32_t n_y = n_rows();
-  const auto n_bands = std::min<std::int32_t>(static_cast<std::int32_t>(speeds.size()), n_y);
+  const std::int32_t n = n_cells(), n_chunks = n / n_y_;
+  const auto n_bands = std::min<std::int32_t>(static_cast<std::int32_t>(speeds.size()), n_chunks);
   const auto bands_within = [&](double seconds, std::vector<std::int32_t>* bands) {
-    std::int32_t y = 0;
+    std::int32_t cell = 0;
     for (std::int32_t band = 0; band < n_bands; ++band) {
-      const std::int32_t begin = y;
-      // Rows are left for the others.
-      y = std::min(end_within(begin, seconds * speeds[band]), n_y - (n_bands - band - 1));
-      if (bands) bands->insert(bands->end(), {begin, band + 1 < n_bands ? y : n_y});
+      const std::int32_t begin = cell;
+      // Chunks are left for the others.
+      cell = std::min(end_within(begin, seconds * speeds[band]), n - (n_bands - band - 1) * n_y_);
+      if (bands) bands->insert(bands->end(), {begin, band + 1 < n_bands ? cell : n});
     }
-    return y == n_y;
+    return cell == n;
   };
   double low = 0, high = 0;
   for (const double speed : speeds) high = std::max(high, sums_.back() / speed);

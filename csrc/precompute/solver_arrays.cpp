@@ -37,6 +37,7 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
   check(model);
   SolverArrays arrays;
   const int lanes = arrays.lanes = options.lanes;
+  arrays.width = options.width;
   if (model.conforming())
     place_hexahedra(model, arrays);
   else
@@ -183,11 +184,14 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
 std::int64_t SolverArrays::corner_slot(std::size_t element, int corner) const {
   if (!corner_slots.empty()) return corner_slots[8 * element + corner];
   std::int64_t block = element_slot[element] / lanes, lane = element_slot[element] % lanes;
-  if (corner & 2) block = blocks[block * TLED_BLOCK_INTS + BLOCK_NEXT_Y];
+  if ((corner & 2) && (lane += width) >= lanes) {
+    block = blocks[block * TLED_BLOCK_INTS + BLOCK_NEXT_Y];
+    lane -= lanes;
+  }
   if (corner & 4) block = blocks[block * TLED_BLOCK_INTS + BLOCK_NEXT_Z];
-  if ((corner & 1) && ++lane == lanes) {
+  if ((corner & 1) && ++lane % width == 0) {
     block = blocks[block * TLED_BLOCK_INTS + BLOCK_NEXT_X];
-    lane = 0;
+    lane -= width;
   }
   return block * lanes + lane;
 }

@@ -13,6 +13,7 @@ enum class HourglassForm { kPhysical, kKappa };
 
 struct PrecomputeOptions {
   int lanes = 16;
+  int width = 4;  // of them along x (TLED_WIDTH_OF of layout.cl), the rest along y
   HourglassForm hourglass = HourglassForm::kPhysical;
   double kappa = 0.075;
   // Solver axes; left at -1 they are chosen. History of laws is kept in these axes.
@@ -20,7 +21,7 @@ struct PrecomputeOptions {
 };
 
 struct SolverArrays {
-  int lanes = 0;
+  int lanes = 0, width = 0;
   // Solver axis a is axis order[a] of the model: the solver may run along another axis than x.
   std::array<int, 3> order{0, 1, 2};
   std::int32_t n_blocks = 0;         // without the empty one behind the last
@@ -43,12 +44,17 @@ struct SolverArrays {
   // node_forces[node_begin[slot]] ... [node_begin[slot + 1]]: where the node's corner forces are.
   std::vector<std::int32_t> node_begin, node_forces;
 
-  // (x-chunk, y, z) of every block, for the rows that kernels walk (row_table.hpp).
+  // Place of every block: in x, in y, and z; for the rows that kernels walk (row_table.hpp).
   std::vector<std::array<std::int32_t, 3>> block_at;
+  std::int32_t n_edges = 0;  // places of `edge` (layout.cl)
 
   // Slot of a corner of an element; bits of `corner`: 1 x, 2 y, 4 z (solver axes).
   std::int64_t corner_slot(std::size_t element, int corner) const;
   double fill() const;  // active share of the lanes that are computed
+  // The same blocks as these options give, if order is the same.
+  bool has_blocks(int of_lanes, int of_width) const {
+    return lanes == of_lanes && width == of_width;
+  }
 };
 
 SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions& options);

@@ -82,7 +82,7 @@ std::vector<double> node_stiffness(const VoxelModel& model, const SolverArrays& 
     for (std::size_t e = 0; e < stiffness.size(); ++e)
       for (int corner = 0; corner < 8; ++corner) at_slot[arrays.corner_slot(e, corner)] += share(e);
   } else {
-    // Nodes gather, in one order: of the lanes of four rows, those at their own place and before.
+    // Nodes gather, in one order: of four rows of lanes, those at their own place and before.
     std::vector<double> of_element(n_slots, 0.0);
     parallel_for_chunks(stiffness.size(), kChunk, [&](std::size_t begin, std::size_t end) {
       for (std::size_t e = begin; e < end; ++e) of_element[arrays.element_slot[e]] = share(e);
@@ -90,15 +90,23 @@ std::vector<double> node_stiffness(const VoxelModel& model, const SolverArrays& 
     const auto link = [&](std::size_t block, int which) {
       return std::size_t(arrays.blocks[block * TLED_BLOCK_INTS + which]);
     };
+    const std::size_t width = arrays.width, last = lanes - width;  // of the last row in y
     parallel_for_chunks(arrays.n_blocks, kChunk / lanes, [&](std::size_t begin, std::size_t end) {
       for (std::size_t b = begin; b < end; ++b) {
-        const std::size_t before_y = link(b, BLOCK_PREV_Y);
-        double* nodes = &at_slot[b * lanes];
-        for (const std::size_t row :
-             {b, before_y, link(b, BLOCK_PREV_Z), link(before_y, BLOCK_PREV_Z)}) {
-          const double* elements = &of_element[row * lanes];
-          nodes[0] += elements[0] + of_element[link(row, BLOCK_PREV_X) * lanes + lanes - 1];
-          for (std::size_t l = 1; l < lanes; ++l) nodes[l] += elements[l] + elements[l - 1];
+        const std::size_t below = link(b, BLOCK_PREV_Z), before_y = link(b, BLOCK_PREV_Y),
+                          below_before = link(before_y, BLOCK_PREV_Z);
+        const auto add_row = [&](double* nodes, std::size_t block, std::size_t first) {
+          const double* elements = &of_element[block * lanes + first];
+          nodes[0] +=
+              elements[0] + of_element[link(block, BLOCK_PREV_X) * lanes + first + width - 1];
+          for (std::size_t l = 1; l < width; ++l) nodes[l] += elements[l] + elements[l - 1];
+        };
+        for (std::size_t first = 0; first < lanes; first += width) {
+          double* nodes = &at_slot[b * lanes + first];
+          add_row(nodes, b, first);
+          add_row(nodes, first ? b : before_y, first ? first - width : last);
+          add_row(nodes, below, first);
+          add_row(nodes, first ? below : below_before, first ? first - width : last);
         }
       }
     });

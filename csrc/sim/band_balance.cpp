@@ -17,8 +17,8 @@ constexpr double kNewest = 0.5;
 
 }  // namespace
 
-BandBalance::BandBalance(const std::vector<double>& work, std::size_t n_bands)
-    : dealer_(work), bands_(dealer_.deal(std::vector<double>(n_bands, 1.0))) {
+BandBalance::BandBalance(const std::vector<double>& work, std::int32_t n_y, std::size_t n_bands)
+    : dealer_(work, n_y), bands_(dealer_.deal(std::vector<double>(n_bands, 1.0))) {
   seconds_.assign(this->n_bands(), 0);
   total_ = seconds_;
   speeds_.assign(this->n_bands(), 1);

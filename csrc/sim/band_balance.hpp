@@ -12,8 +12,8 @@ namespace tledface {
 
 class BandBalance {
  public:
-  BandBalance() : dealer_({}) {}
-  BandBalance(const std::vector<double>& work, std::size_t n_bands);
+  BandBalance() : dealer_({}, 1) {}
+  BandBalance(const std::vector<double>& work, std::int32_t n_y, std::size_t n_bands);
   const std::vector<std::int32_t>& bands() const { return bands_; }  // 2 per band
   std::size_t n_bands() const { return bands_.size() / 2; }
   // Where a launch leaves the seconds of each band.

@@ -29,16 +29,17 @@ class RowsPath final : public ForcePath {
   RowsPath(Device& device, const Binder& binder, const SolverArrays& arrays, const SolverBuffers& b,
            const ForcePathOptions& options)
       : binder_(binder), arrays_(arrays), buffers_(b), options_(options), u_{b.u[0], b.u[1]} {
-    // A band for each thread, if they follow what the threads do; else two, which levels them out
-    // and does not cost too many seed rows.
-    const std::size_t units = device.info().compute_units;
-    n_bands_ = options.n_bands ? options.n_bands : (device.times_items() ? 1 : 2) * units;
+    // Each further band computes a chunk twice; two for a thread level threads out by less than
+    // that.
+    n_bands_ = options.n_bands ? options.n_bands : device.info().compute_units;
     all_ = make_rows(make_row_table(arrays));
     const std::size_t real = real_size(options.precision);
     // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.
-    const std::size_t scratch = std::size_t(all_.table.n_planes) * SCRATCH_ROWS * arrays.lanes;
-    scratch_ = binder.allocate(n_bands_ * (scratch + SCRATCH_GAP) * real, bytes_);
-    edge_ = binder.allocate(std::size_t(arrays.n_blocks + 1) * 4 * real, bytes_);
+    const std::size_t scratch = SCRATCH_REALS(std::size_t(all_.table.n_planes), arrays.lanes),
+                      edges =
+                          BAND_EDGE_REALS(std::size_t(arrays.n_edges), arrays.width, arrays.lanes);
+    scratch_ = binder.allocate(n_bands_ * scratch * real, bytes_);
+    edge_ = binder.allocate(n_bands_ * edges * real, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
       step_[parity] = make_kernel("step_rows_" + step_form(arrays, options), parity);
       force_[parity] = make_kernel("force_rows_" + form_of(options), parity);
@@ -136,7 +137,7 @@ class RowsPath final : public ForcePath {
   DueRows make_rows(RowTable table) {
     DueRows due;
     if (!table.rows.empty()) {
-      due.balance = BandBalance(table.work, n_bands_);
+      due.balance = BandBalance(table.work, table.n_y, n_bands_);
       due.bands = binder_.upload(due.balance.bands(), bytes_);
       due.row_begin = binder_.upload(table.row_begin, bytes_);
       due.rows = binder_.upload(table.rows, bytes_);
@@ -159,8 +160,8 @@ class RowsPath final : public ForcePath {
          b.blocks, b.materials, b.node_sets, b.law_entries, b.law_sets, b.history[parity],
          b.history[1 - parity], b.muscle_entries, b.muscle_sets, b.muscle_constants, b.shape,
          b.step_table, scratch_.get(), edge_.get()},
-        {static_cast<std::int32_t>(all_.balance.n_bands()), all_.table.n_planes,
-         all_.table.n_chunks, all_.table.n_y, 0, options_.step_reals});
+        {static_cast<std::int32_t>(all_.balance.n_bands()), all_.table.n_planes, arrays_.n_edges,
+         all_.table.n_y, 0, options_.step_reals});
   }
 
   const Binder binder_;

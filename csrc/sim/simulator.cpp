@@ -18,12 +18,29 @@ constexpr double kInstant = -1e-30;
 // of float32 only slide_nodes would take more (170).
 constexpr int kTileRegisters = 128;
 
+// Where none are asked for: the kernels that were fastest on the device (kernel_choice.hpp).
+SimulatorOptions with_choice(SimulatorOptions options, const Device& device) {
+  if (options.kernels != KernelPath::kAuto) return options;
+  if (const auto choice = chosen_kernels(device.info().id, options.precision, options.hourglass)) {
+    options.kernels = choice->path;
+    options.tile = choice->tile;
+    options.registers = choice->registers;
+  }
+  return options;
+}
+
+bool takes_rows(const SimulatorOptions& options, const Device& device) {
+  return options.kernels == KernelPath::kRows ||
+         (options.kernels == KernelPath::kAuto && device.prefers_vector_rows());
+}
+
 PrecomputeOptions precompute_options(const SimulatorOptions& options, const Device& device) {
   if (options.precision == Precision::kDouble && !device.info().has_double)
     throw InputError("precision: device '" + device.info().id + "' (" + device.info().name +
                      ") has no float64; use precision='single'");
   PrecomputeOptions precompute;
   precompute.lanes = device.preferred_lanes(options.precision);
+  precompute.width = TLED_WIDTH_OF(takes_rows(options, device), precompute.lanes);
   precompute.hourglass = options.hourglass;
   precompute.kappa = options.kappa;
   precompute.axis_order = options.axis_order;
@@ -34,7 +51,8 @@ std::shared_ptr<const SolverArrays> arrays_of(VoxelModel& model, const Simulator
                                               const PrecomputeOptions& precompute) {
   if (model.conforming() && options.hourglass == HourglassForm::kKappa)
     set_kappa_stiffening(model, options.kappa);
-  if (options.arrays && options.arrays->lanes == precompute.lanes) return options.arrays;
+  if (options.arrays && options.arrays->has_blocks(precompute.lanes, precompute.width))
+    return options.arrays;
   return std::make_shared<const SolverArrays>(make_solver_arrays(model, precompute));
 }
 
@@ -44,24 +62,15 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
                      const SimulatorOptions& options, Conditions conditions, SlidingNodes sliding)
     : device_(std::move(device)),
       model_(std::move(model)),
-      options_(options),
+      options_(with_choice(options, *device_)),
       precompute_(precompute_options(options_, *device_)),
       shared_arrays_(arrays_of(model_, options_, precompute_)),
       arrays_(*shared_arrays_) {
   options_.arrays = nullptr;
-  bool chosen = false;
-  if (options_.kernels == KernelPath::kAuto)
-    if (const auto choice =
-            chosen_kernels(device_->info().id, options_.precision, options_.hourglass)) {
-      chosen = true;
-      options_.kernels = choice->path;
-      options_.tile = choice->tile;
-      options_.registers = choice->registers;
-    }
+  const bool chosen = options.kernels != options_.kernels;
   records_ = device_->info().command_buffers &&
              options_.recorded.value_or(chosen_recording(device_->info().id));
-  rows_ = options_.kernels == KernelPath::kRows ||
-          (options_.kernels == KernelPath::kAuto && device_->prefers_vector_rows());
+  rows_ = takes_rows(options_, *device_);
   ProgramOptions program;
   program.precision = options_.precision;
   program.lanes = precompute_.lanes;

@@ -16,8 +16,9 @@ std::size_t bytes_of(const std::vector<T>& values) {
 std::shared_ptr<const SolverArrays> arrays_of(const VoxelModel& model, PrecomputeOptions options,
                                               int lanes,
                                               std::shared_ptr<const SolverArrays> given) {
-  if (given && given->lanes == lanes) return given;
   options.lanes = lanes;
+  options.width = TLED_WIDTH_OF(1, lanes);  // the host has vector rows
+  if (given && given->has_blocks(lanes, options.width)) return given;
   return std::make_shared<const SolverArrays>(make_solver_arrays(model, options));
 }
 

@@ -187,9 +187,10 @@ def _read(
     for muscle, schedule in schedules.items():
         sim.activate(muscle, schedule)
     layout = _read_layout(file["state/layout"])
-    if unlike or layout["lanes"] != sim._core.lanes:
+    moves = _is_elsewhere(layout, sim)
+    if unlike or moves:
         state.pop("sliding", None)  # arranged as its device needs it; sought again
-    if layout["lanes"] != sim._core.lanes:
+    if moves:
         state = _moved(state, layout, sim, path)
     sim._core.set_raw_state(**state)
     sim._applied = Values(**{key: data[()] for key, data in file["applied"].items()})
@@ -201,7 +202,7 @@ def _read(
     for key in _WATCH:
         if key in watch:  # older files have no bound_then, iterated_at, pace
             setattr(sim._watch, key, watch[key])
-    if layout["lanes"] != sim._core.lanes:
+    if moves:
         sim._watch.stale = True  # levels of subcycling are those of other blocks
     if unlike:
         warnings.warn(f"checkpoint {path}: {unlike}; not bit for bit", stacklevel=4)
@@ -266,6 +267,16 @@ def _read_layout(group: h5py.Group) -> dict[str, Any]:
         "axis_order": group.attrs["axis_order"].tolist(),
         "node_slots": group["node_slots"],
     }
+
+
+def _is_elsewhere(layout: dict[str, Any], sim: Simulator) -> bool:
+    """Whether nodes stand elsewhere: a device of other lanes, or the blocks of an older version."""
+    core = sim._core
+    return (
+        layout["lanes"] != core.lanes
+        or layout["axis_order"] != list(core.axis_order)
+        or not np.array_equal(layout["node_slots"][()], core.node_slots())
+    )
 
 
 def _moved(

@@ -24,13 +24,14 @@ namespace {
 
 using Bands = std::vector<std::int32_t>;
 
-bool each_row_is_in_one_band(const Bands& bands, std::int32_t n_rows) {
-  std::int32_t y = 0;
+// Bands one behind the other, of as many cells as a chunk or more.
+bool each_cell_is_in_one_band(const Bands& bands, std::int32_t n_cells, std::int32_t n_y) {
+  std::int32_t cell = 0;
   for (std::size_t i = 0; i < bands.size(); i += 2) {
-    if (bands[i] != y || bands[i + 1] <= y) return false;
-    y = bands[i + 1];
+    if (bands[i] != cell || bands[i + 1] < cell + n_y) return false;
+    cell = bands[i + 1];
   }
-  return y == n_rows;
+  return cell == n_cells;
 }
 
 double slowest(const RowDealer& dealer, const Bands& bands, const std::vector<double>& speeds) {
@@ -41,34 +42,46 @@ double slowest(const RowDealer& dealer, const Bands& bands, const std::vector<do
 }
 
 // Every way to cut, one after the other.
-double best_of_all(const RowDealer& dealer, const std::vector<double>& speeds) {
+double best_of_all(const RowDealer& dealer, std::int32_t n_y, const std::vector<double>& speeds) {
+  const std::int32_t n = dealer.n_cells();
   double best = INFINITY;
-  for (std::int32_t a = 1; a < dealer.n_rows() - 1; ++a)
-    for (std::int32_t b = a + 1; b < dealer.n_rows(); ++b)
-      best = std::min(best, slowest(dealer, {0, a, a, b, b, dealer.n_rows()}, speeds));
+  for (std::int32_t a = n_y; a <= n - 2 * n_y; ++a)
+    for (std::int32_t b = a + n_y; b <= n - n_y; ++b)
+      best = std::min(best, slowest(dealer, {0, a, a, b, b, n}, speeds));
   return best;
 }
 
 void test_no_other_cut_is_faster() {
-  std::vector<double> work(37);
-  for (std::size_t y = 0; y < work.size(); ++y) work[y] = 1 + double(y * y * 7919 % 23);
-  work[7] = work[8] = 0;
-  const RowDealer dealer(work);
-  for (const std::vector<double>& speeds :
-       {std::vector<double>{1, 1, 1}, {1, 0.4, 1}, {0.2, 1.5, 1.3}, {1, 1, 1e-6}}) {
-    const Bands bands = dealer.deal(speeds);
-    CHECK(bands.size() == 6);
-    CHECK(each_row_is_in_one_band(bands, 37));
-    CHECK(slowest(dealer, bands, speeds) <= 1.002 * best_of_all(dealer, speeds));
+  for (const std::int32_t n_y : {1, 5}) {
+    std::vector<double> work(std::size_t(37) * n_y);
+    for (std::size_t i = 0; i < work.size(); ++i) work[i] = 1 + double(i * i * 7919 % 23);
+    work[7] = work[8] = 0;
+    const RowDealer dealer(work, n_y);
+    for (const std::vector<double>& speeds :
+         {std::vector<double>{1, 1, 1}, {1, 0.4, 1}, {0.2, 1.5, 1.3}, {1, 1, 1e-6}}) {
+      const Bands bands = dealer.deal(speeds);
+      CHECK(bands.size() == 6);
+      CHECK(each_cell_is_in_one_band(bands, 37 * n_y, n_y));
+      CHECK(slowest(dealer, bands, speeds) <= 1.002 * best_of_all(dealer, n_y, speeds));
+    }
   }
 }
 
-void test_more_bands_than_rows_are_as_many_as_rows() {
-  const RowDealer dealer({3, 0, 1});
+// A chunk and one are computed once more.
+void test_work_of_a_band_includes_its_seeds() {
+  std::vector<double> work(30);
+  for (std::size_t i = 0; i < work.size(); ++i) work[i] = std::ldexp(1.0, int(i));
+  const RowDealer dealer(work, 6);
+  CHECK(dealer.work(0, 7) == 127);
+  CHECK(dealer.work(20, 30) == std::ldexp(1.0, 30) - std::ldexp(1.0, 13));
+}
+
+void test_more_bands_than_chunks_are_as_many_as_chunks() {
+  const RowDealer dealer({3, 0, 1, 2, 0, 0}, 2);
   for (const std::size_t n : {std::size_t(1), std::size_t(2), std::size_t(3), std::size_t(8)}) {
     const Bands bands = dealer.deal(std::vector<double>(n, 1.0));
     CHECK(bands.size() == 2 * std::min<std::size_t>(n, 3));
-    CHECK(each_row_is_in_one_band(bands, 3));
+    CHECK(each_cell_is_in_one_band(bands, 6, 2));
   }
 }
 
@@ -82,9 +95,9 @@ void launch(BandBalance& balance, const RowDealer& dealer, const std::vector<dou
 // Two threads, one of which is slowed down and later as fast as the other again.
 void test_bands_follow_their_threads() {
   const std::vector<double> work(100, 1.0);
-  const RowDealer dealer(work);
-  BandBalance balance(work, 2);
-  // The upper one computes a row of the lower once more.
+  const RowDealer dealer(work, 1);
+  BandBalance balance(work, 1, 2);
+  // The second one computes some of the first once more.
   CHECK(std::abs(balance.bands()[1] - 50) <= 1);
   for (int i = 0; i < 200; ++i) launch(balance, dealer, {1, 1});
   CHECK(std::abs(balance.bands()[1] - 50) <= 1);
@@ -194,7 +207,8 @@ void test_moving_bands_change_no_bit() {
 int main() {
   setenv("TLEDFACE_NUM_THREADS", "5", 1);
   test_no_other_cut_is_faster();
-  test_more_bands_than_rows_are_as_many_as_rows();
+  test_work_of_a_band_includes_its_seeds();
+  test_more_bands_than_chunks_are_as_many_as_chunks();
   test_bands_follow_their_threads();
   test_moving_bands_change_no_bit();
   return finish("test_row_bands");

@@ -209,8 +209,9 @@ def test_another_device_goes_on_with_a_warning(executor, steps, tmp_path):
     assert again.u == pytest.approx(sim.u, abs=1e-9 * abs(sim.u).max())
 
 
-def test_the_arrangement_of_another_device_is_translated(executor, tmp_path, monkeypatch):
-    """Lanes and axes of two devices of one machine may agree: a file with others is made up."""
+@pytest.mark.parametrize(("more_lanes", "turn"), [(3, 1), (0, 1), (0, 0)])
+def test_the_arrangement_of_another_device_is_translated(executor, more_lanes, turn, tmp_path):
+    """Of another device, or another version: a file of other lanes, axes, places is made up."""
     sim = make_sim(precision="double", **executor.kwargs)
     sim.step(100)
     sim.checkpoint(tmp_path / "c.h5")
@@ -218,7 +219,7 @@ def test_the_arrangement_of_another_device_is_translated(executor, tmp_path, mon
         layout, arrays = file["state/layout"], file["state/arrays"]
         lanes, order = int(layout.attrs["lanes"]), layout.attrs["axis_order"]
         slots = layout["node_slots"][()]
-        turned, wider = np.roll(order, 1), lanes + 3
+        turned, wider = np.roll(order, turn), lanes + more_lanes
         scattered = np.random.default_rng(1).permutation(7 * len(slots))[: len(slots)]
         for name in ("u", "u_prev"):
             old = arrays[name][()].view(np.float64).reshape(-1, 3, lanes)

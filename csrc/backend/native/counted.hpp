@@ -173,17 +173,26 @@ inline int lanes_not_below(const realv& a, const realv& b) { return !(a < b); }
 inline int lowest_bit(int bits) { return __builtin_ctz(static_cast<unsigned>(bits)); }
 inline int all_below(const realv& a, const realv& b) { return a < b; }
 // With one lane the lane behind is the next block's, the lane before the last block's.
-inline realv next_lanes(const realv& own, const realv& next) {
+inline realv next_in_x(const realv& own, const realv& next) {
   counts.shuffled += 1;
   own.use();
   return Counted(next.use());
 }
-inline realv previous_lanes(const realv& own, real first) {
+inline realv next_in_y(const realv&, const realv& next) { return next; }
+inline realv previous_in_x(const realv& own, const realv& before) {
   counts.shuffled += 1;
   own.use();
-  return Counted(first);
+  return Counted(before.use());
 }
-inline real last_lane(const realv& v) { return v.use(); }
+inline realv previous_in_y(const realv&, const realv& before) { return before; }
+inline realv previous_behind_edge(const realv& own, const real* edge, const int component) {
+  return previous_in_x(own, Counted(edge[component + 1]));
+}
+inline void store_last(const realv& a, const realv& b, const realv& c, real* p) {
+  p[1] = a.use();
+  p[2] = b.use();
+  p[3] = c.use();
+}
 inline real lane_of(const realv& v, int) { return v.use(); }
 inline realv square_root(const realv& x) {
   counts.roots += 1;
