@@ -101,9 +101,9 @@
 #define HEX_VOLUME 54   // m^3
 
 // Rows of blocks that a band walks (rows.cl), by cells: one for each chunk in x and row in y, chunk by
-// chunk. bands[2 i]: first cell of band i, bands[2 i + 1]: the one behind its last. rows[4 i]: first block, number of blocks, first row of
-// sliding nodes and how many there are; chunk by chunk in x, row by row in y, row_begin[chunk * rows
-// in y + y] the first of a chunk and row, and one more behind the last.
+// chunk. bands[2 i]: first cell of band i, bands[2 i + 1]: the one behind its last. rows[4 i]: first
+// block, number of blocks, first row of sliding nodes and how many there are; row_begin[chunk * rows in
+// y + y] the first of a cell, and one more behind the last.
 #define TLED_RUN 4
 #define RUN_BLOCK 0
 #define RUN_BLOCKS 1

@@ -11,7 +11,7 @@
 //
 // The transform of the face between two elements of a column is done once and stays in registers.
 // A node is finished as soon as all its elements have given their forces: it is integrated on the
-// spot, u_next over u_prev, which nobody else reads. The chunk of elements before the band is
+// spot, u_next over u_prev, which nobody else reads. A chunk and a row of elements before the band are
 // computed here too (its seeds), so bands do not wait for each other. The order in which a node's
 // forces are added does not depend on how rows are dealt to bands: results are the same bits for any
 // number of threads.
@@ -201,12 +201,15 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
   const int from_cell = begin_cell > table.n_y ? begin_cell - table.n_y - 1 : 0;
   const int own = table.row_begin[begin_cell];
   Face one, other, carried;
-  int y = from_cell % table.n_y;
+  int y = from_cell % table.n_y, is_clear = 0;
   for (int cell = from_cell; cell < end_cell; ++cell, ++y) {
-    if (y == table.n_y) y = 0;
-    if (y == 0 || cell == from_cell)
+    if (y == table.n_y) y = is_clear = 0;
+    // Where nothing is walked nothing reads it: of the rows that are due there may be few.
+    if (!is_clear && table.row_begin[cell] < table.row_begin[cell + 1]) {
       for (int i = 0; i < table.n_planes * SCRATCH_ROWS; ++i)
         store_lanes(broadcast(R(0.0)), scratch + i * TLED_LANES);
+      is_clear = 1;
+    }
     for (int i = table.row_begin[cell]; i < table.row_begin[cell + 1]; ++i) {
       __global const int* row = table.rows + TLED_RUN * i;
       const int begin = row[RUN_BLOCK], end = begin + row[RUN_BLOCKS];

@@ -1,4 +1,4 @@
-// Places nodes and elements of a voxel model: blocks of neighbours along the fast axis, and their
+// Places nodes and elements of a voxel model: blocks of neighbours in a plane of z, and their
 // links; see kernels_cl/layout.cl.
 #include <algorithm>
 #include <limits>

@@ -1,6 +1,6 @@
-// Bands of rows that follow the threads: cut anew while a run goes on, by how long each took, where
-// the executor can tell. Cores differ, above all where others work on them too, and the slowest
-// band is what a step takes. How rows are dealt changes no bit of a result.
+// Bands of cells that follow the threads: cut anew while a run goes on, by how long each took,
+// where the executor can tell. Cores differ, above all where others work on them too, and the
+// slowest band is what a step takes. How cells are dealt changes no bit of a result.
 #pragma once
 #include <cstddef>
 #include <cstdint>

@@ -34,12 +34,13 @@ class RowsPath final : public ForcePath {
     n_bands_ = options.n_bands ? options.n_bands : device.info().compute_units;
     all_ = make_rows(make_row_table(arrays));
     const std::size_t real = real_size(options.precision);
-    // For as many bands as were asked for: rows of levels may be dealt to more than all rows are.
+    // Rows of levels are dealt to as many bands: they have the same chunks.
+    const std::size_t n_dealt = all_.balance.n_bands();
     const std::size_t scratch = SCRATCH_REALS(std::size_t(all_.table.n_planes), arrays.lanes),
                       edges =
                           BAND_EDGE_REALS(std::size_t(arrays.n_edges), arrays.width, arrays.lanes);
-    scratch_ = binder.allocate(n_bands_ * scratch * real, bytes_);
-    edge_ = binder.allocate(n_bands_ * edges * real, bytes_);
+    scratch_ = binder.allocate(n_dealt * scratch * real, bytes_);
+    edge_ = binder.allocate(n_dealt * edges * real, bytes_);
     for (int parity = 0; parity < 2; ++parity) {
       step_[parity] = make_kernel("step_rows_" + step_form(arrays, options), parity);
       force_[parity] = make_kernel("force_rows_" + form_of(options), parity);

@@ -33,7 +33,7 @@ struct ForcePathOptions {
   bool rows = true;    // of voxels: rows rather than gather or tile
   bool tiles = false;  // of voxels without rows: tile rather than gather
   TileShape tile;
-  std::size_t n_bands = 0;  // of rows; 0: by the device's compute units
+  std::size_t n_bands = 0;  // of row kernels; 0: by the device's compute units
   std::int32_t step_reals = 0;
 };
 

@@ -14,7 +14,7 @@ native::OperationCounts operations_per_element(VoxelModel model, HourglassForm h
   SimulatorOptions options;
   options.hourglass = hourglass;
   options.axis_order = axis_order;
-  options.n_bands = 1;  // all in this thread, no row twice
+  options.n_bands = 1;  // all in this thread, no chunk twice
   Simulator sim(native::make_counting_device(), std::move(model), options);
   sim.set_dt(0.8 * sim.bound_at_rest().dt);
   native::take_operation_counts();

@@ -8,7 +8,7 @@
 
 namespace tledface {
 
-// Of one step of the row kernels, per element, with every lane filled and no row computed twice;
+// Of one step of the row kernels, per element, with every lane filled and nothing computed twice;
 // loads, stores and what is done for single nodes (sliding, loads) are not in it. axis_order: that
 // of the simulator whose step it is.
 native::OperationCounts operations_per_element(VoxelModel model, HourglassForm hourglass,

@@ -101,7 +101,7 @@ Simulator::Simulator(std::shared_ptr<Device> device, VoxelModel model,
   node_sets_ = upload(arrays_.node_sets);
   law_entries_ = upload(arrays_.law_entries);
   law_sets_ = upload(arrays_.law_sets);
-  // Read and written in turns: a seed row's elements are computed by two work-items.
+  // Read and written in turns: a band's seeds are computed by two work-items.
   for (auto& buffer : history_)
     buffer = allocate(std::max<std::size_t>(arrays_.n_history_rows * lanes, 1) * real);
   muscle_entries_ = upload(arrays_.muscle_entries);

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["flat_block", "law_block", "main", "measure", "measure_laws"]
 
 _CELLS = (120, 120, 9)
+_LAW_CELLS = (96, 96, 9)  # of 2, 3 or 4 laws each has whole blocks of lanes
 _ACTIVATION = 0.3
 _WARM_UP = 200  # steps
 _BATCH = 200  # steps a timing
@@ -137,15 +138,16 @@ def _kernels(model: Model, core: _core.Simulator) -> str:
 
 
 def law_block(
-    laws: int, *, interleaved: bool, fast_axis: int = 0, cells: tuple[int, int, int] = _CELLS
+    laws: int, *, interleaved: bool, fast_axis: int = 0, cells: tuple[int, int, int] = _LAW_CELLS
 ) -> Model:
     """A block of equal numbers of elements of several laws, of the same moduli at rest.
 
     Args:
-        laws: How many, 2 to 4; the number of cells along x and y must be a multiple of it.
-        interleaved: Neighbours along the solver's fast axis have different laws, so that every
-            block of lanes holds all; else each law has its own part of the block.
-        fast_axis: The solver's, 0 or 1: `Simulator.axis_order`.
+        laws: How many, 2 to 4; the number of cells along x and y must be a multiple of four times
+            that, since blocks of lanes are up to four high.
+        interleaved: Neighbours along the first of the solver's axes have different laws, so that
+            every block of lanes holds all; else each law has its own part of the block.
+        fast_axis: That axis, 0 or 1: `Simulator.axis_order`.
         cells: Number of elements along x, y, z.
     """
     from tledface.constitutive import material
@@ -184,7 +186,7 @@ def law_block(
 
 
 def measure_laws(
-    laws: int, device: Any = "auto", cells: tuple[int, int, int] = _CELLS
+    laws: int, device: Any = "auto", cells: tuple[int, int, int] = _LAW_CELLS
 ) -> dict[str, Any]:
     """Time the same elements with their laws in uniform blocks of lanes, and interleaved.
 

@@ -204,8 +204,9 @@ def _read(
             setattr(sim._watch, key, watch[key])
     if moves:
         sim._watch.stale = True  # levels of subcycling are those of other blocks
-    if unlike:
-        warnings.warn(f"checkpoint {path}: {unlike}; not bit for bit", stacklevel=4)
+    if unlike or moves:
+        why = unlike or "its nodes stand in other places than now"
+        warnings.warn(f"checkpoint {path}: {why}; not bit for bit", stacklevel=4)
     return sim
 
 
@@ -282,7 +283,7 @@ def _is_elsewhere(layout: dict[str, Any], sim: Simulator) -> bool:
 def _moved(
     state: dict[str, Any], layout: dict[str, Any], sim: Simulator, path: Path
 ) -> dict[str, Any]:
-    """The state in the arrangement of another device: node by node, component by component."""
+    """The state in the arrangement of this simulator: node by node, component by component."""
     core = sim._core
     dtype = np.dtype(np.float32 if core.single else np.float64)
     arrays = {key: value for key, value in state.items() if isinstance(value, np.ndarray)}
@@ -293,8 +294,8 @@ def _moved(
         if k not in ("u", "u_prev", "limit_squares", "levels")
     ):
         raise InputError(
-            f"checkpoint {path}: its state has histories of materials, arranged as its device "
-            "needs them; restore it on the device it was made on"
+            f"checkpoint {path}: its state has histories of materials, arranged as its device and "
+            "version of tledface need them; restore it with the device and version it was made with"
         )
     levels = state.pop("levels", None)
     old, old_order = layout["node_slots"][()], layout["axis_order"]

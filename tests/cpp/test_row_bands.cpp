@@ -1,4 +1,4 @@
-// Bands of rows: dealt so that the slowest is done early, cut anew as threads turn out faster or
+// Bands of cells: dealt so that the slowest is done early, cut anew as threads turn out faster or
 // slower, and no bit of a run depends on it. Exit status 0 when every check holds.
 #include <algorithm>
 #include <cmath>

@@ -91,11 +91,11 @@ def core_of(model, device, **options):
 
 
 def test_number_of_bands_does_not_change_a_bit():
-    """Threads and bands deal the same rows out differently; the sums stay in one order."""
+    """Threads and bands deal the same columns out differently; the sums stay in one order."""
     model = sparse_model()
     model.gravity = (3.0, -9.81, 5.0)
     results = []
-    for n_bands in (1, 2, 3, 7, 11):
+    for n_bands in (1, 2, 3, 5, 9):
         core = core_of(model, "native", precision="single", n_bands=n_bands)
         core.step(60, np.zeros((60, 0)))
         results.append(core.displacement())

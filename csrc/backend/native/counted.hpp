@@ -172,23 +172,31 @@ inline realv gather_lanes(const real* p, const int* at) { return Counted(p[*at])
 inline int lanes_not_below(const realv& a, const realv& b) { return !(a < b); }
 inline int lowest_bit(int bits) { return __builtin_ctz(static_cast<unsigned>(bits)); }
 inline int all_below(const realv& a, const realv& b) { return a < b; }
-// With one lane the lane behind is the next block's, the lane before the last block's.
+// With one lane what is one on is the next block's, what is one before the last block's; shifts of
+// lanes are counted as blocks of more of them need them.
 inline realv next_in_x(const realv& own, const realv& next) {
   counts.shuffled += 1;
   own.use();
   return Counted(next.use());
 }
-inline realv next_in_y(const realv&, const realv& next) { return next; }
+inline realv next_in_y(const realv&, const realv& next) {
+  counts.shuffled += 1;
+  return next;
+}
 inline realv previous_in_x(const realv& own, const realv& before) {
   counts.shuffled += 1;
   own.use();
   return Counted(before.use());
 }
-inline realv previous_in_y(const realv&, const realv& before) { return before; }
+inline realv previous_in_y(const realv&, const realv& before) {
+  counts.shuffled += 1;
+  return before;
+}
 inline realv previous_behind_edge(const realv& own, const real* edge, const int component) {
   return previous_in_x(own, Counted(edge[component + 1]));
 }
 inline void store_last(const realv& a, const realv& b, const realv& c, real* p) {
+  counts.shuffled += 2;
   p[1] = a.use();
   p[2] = b.use();
   p[3] = c.use();
