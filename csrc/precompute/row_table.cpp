@@ -20,15 +20,15 @@ RowTable make_row_table(const SolverArrays& arrays, const std::vector<std::uint8
     return arrays.blocks[std::size_t(b) * TLED_BLOCK_INTS + which];
   };
   RowTable table;
-  std::int32_t lowest = std::numeric_limits<std::int32_t>::max(), last = 0;
+  std::int32_t lowest = std::numeric_limits<std::int32_t>::max(), last = 0, n_chunks = 0;
   for (std::int32_t b = 0; b < arrays.n_blocks; ++b) {
     lowest = std::min(lowest, arrays.block_at[b][1]);
     last = std::max(last, arrays.block_at[b][1]);
-    table.n_chunks = std::max(table.n_chunks, arrays.block_at[b][0] + 1);
+    n_chunks = std::max(n_chunks, arrays.block_at[b][0] + 1);
     table.n_planes = std::max(table.n_planes, link(b, BLOCK_PLANE) + 1);
   }
   table.n_y = last - lowest + 1;
-  const std::size_t n_places = std::size_t(table.n_chunks) * table.n_y;
+  const std::size_t n_places = std::size_t(n_chunks) * table.n_y;
   table.work.assign(n_places, 0);
   table.row_begin.reserve(n_places + 1);
   const auto n_runs = [&] { return static_cast<std::int32_t>(table.rows.size() / TLED_RUN); };

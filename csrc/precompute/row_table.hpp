@@ -12,8 +12,8 @@ namespace tledface {
 
 struct RowTable {
   std::vector<std::int32_t> rows;       // TLED_RUN of each run of blocks
-  std::vector<std::int32_t> row_begin;  // n_chunks n_y, and one more
-  std::int32_t n_planes = 0, n_chunks = 0, n_y = 0;
+  std::vector<std::int32_t> row_begin;  // of each cell, and one more
+  std::int32_t n_planes = 0, n_y = 0;   // n_y: cells of a chunk
   std::vector<double> work;  // of each cell, chunk by chunk: blocks, those without element less
 };
 
