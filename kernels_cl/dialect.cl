@@ -98,14 +98,30 @@ INLINE realv gather_lanes(__global const real* p, __global const int* at) {
   for (int l = 0; l < TLED_LANES; ++l) lane[l] = p[at[l]];
   return v;
 }
-INLINE int all_below(realv a, realv b) { return all(a < b); }
-// The lanes of which a is not below b, as bits.
+// What a comparison of a row gives, all bits of a lane or none, and halves of it.
+#if TLED_DOUBLE
+#define TLED_MASK long
+#else
+#define TLED_MASK int
+#endif
+typedef TLED_JOIN(TLED_MASK, 16) mask16;
+typedef TLED_JOIN(TLED_MASK, 8) mask8;
+typedef TLED_JOIN(TLED_MASK, 4) mask4;
+INLINE int bits_of4(mask4 m) { return (int)(m.s0 | m.s1 | m.s2 | m.s3); }
+INLINE int bits_of8(mask8 m) { return bits_of4(m.lo | m.hi); }
+INLINE int bits_of16(mask16 m) { return bits_of8(m.lo | m.hi); }
+// The lanes of which a is not below b, as bits: folded, since PoCL's all() asks lane by lane.
 INLINE int lanes_not_below(realv a, realv b) {
-  if (all(a < b)) return 0;
-  int bits = 0;
-  for (int l = 0; l < TLED_LANES; ++l) bits |= !(((real*)&a)[l] < ((real*)&b)[l]) << l;
-  return bits;
+#if TLED_LANES == 16
+  return bits_of16(~(a < b) & (mask16)(1, 2, 4, 8, 1 << 4, 1 << 5, 1 << 6, 1 << 7, 1 << 8, 1 << 9,
+                                       1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15));
+#elif TLED_LANES == 8
+  return bits_of8(~(a < b) & (mask8)(1, 2, 4, 8, 1 << 4, 1 << 5, 1 << 6, 1 << 7));
+#else
+  return bits_of4(~(a < b) & (mask4)(1, 2, 4, 8));
+#endif
 }
+INLINE int all_below(realv a, realv b) { return lanes_not_below(a, b) == 0; }
 INLINE real lane_of(realv v, int lane) { return ((const real*)&v)[lane]; }
 
 // A block of lanes is TLED_WIDTH of them along x and the rest along y, x first (layout.cl). A lane takes

@@ -195,7 +195,8 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                           ? ROW_GRAVITY
                           : 0;
   SlidingQueue queue;
-  queue.begin = queue.end = queue.n_zones = queue.n_records = 0;
+  queue.n_zones = queue.n_records = 0;
+  FinishedRows finished = {0, 0};
   const int begin_cell = table.bands[2 * band], end_cell = table.bands[2 * band + 1];
   // Whose elements have nodes in the band: the rows behind its first one's neighbour in the chunk before.
   const int from_cell = begin_cell > table.n_y ? begin_cell - table.n_y - 1 : 0;
@@ -227,12 +228,12 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
         one = other;
 #endif
       }
-      if (sliding)  // no branch on whose row it is: with PoCL that costs 3 %
-        finish_rows(sliding, surfaces, &queue, row[RUN_SLIDING],
-                    i >= own ? row[RUN_SLIDING_COUNT] : 0, out);
+      if (sliding)
+        finished = finish_rows(sliding, surfaces, &queue, finished, row[RUN_SLIDING],
+                               i >= own ? row[RUN_SLIDING_COUNT] : 0, out);
     }
   }
-  if (sliding) finish_queue(sliding, surfaces, &queue, out);
+  if (sliding) finish_queue(sliding, surfaces, &queue, finished, out);
 }
 
 // One explicit step. u: displacement now; u_prev: the one before, replaced by the next.
