@@ -32,7 +32,7 @@ INLINE realv volume_ratio(Tensor F, Tensor cof, __global const real* parameters)
 // F, cof and J are there.
 INLINE void complete_kinematics(Kinematics* k) {
   k->inverse_J = R(1.0) / k->J;
-  k->cube_root = inverse_cube_root(absolute(k->J));
+  k->cube_root = inverse_cube_root(k->J);
   k->I1 = squared_norm(k->F);
 }
 

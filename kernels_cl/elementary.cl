@@ -7,9 +7,24 @@ INLINE realv closer_inverse_cube_root(realv t, realv y) {
   return y + y * (c * (R(1.0 / 3.0) + c * (R(2.0 / 9.0) + c * R(14.0 / 81.0))));
 }
 
-// x^(-1/3) for 1/32 < x < 32, which covers any volume ratio of an element that means something.
+// (1 + t)^(-1/3) for |t| <= 1/4 in single precision, 1 at 0: a polynomial of least relative error, 1.5e-8. Its
+// terms are summed by pairs, since all the rest of an element waits for it: half the time of a guess and a
+// step towards the root, and 5 % of that of a block.
+INLINE realv inverse_cube_root_near_1(realv t) {
+  const realv t2 = t * t;
+  const realv low = R(-0.333333289) + t * R(0.222226849), middle = R(-0.172850222) + t * R(0.143589602),
+              high = R(-0.124200743) + t * R(0.122887044) + t2 * R(-0.113486733);
+  return R(1.0) + t * ((low + t2 * middle) + (t2 * t2) * high);
+}
+
+// |x|^(-1/3) for 1/32 < |x| < 32, which covers any volume ratio of an element that means something.
 // Beyond 32 digits are lost.
-INLINE realv inverse_cube_root(realv x) {
+INLINE realv inverse_cube_root(realv with_sign) {
+#if !TLED_DOUBLE
+  const realv change = with_sign - R(1.0);
+  if (all_below(absolute(change), broadcast(R(0.25)))) return inverse_cube_root_near_1(change);
+#endif
+  const realv x = absolute(with_sign);
   realv y;
   if (all_below(absolute(x - R(1.25)), broadcast(R(0.75)))) {
     // Least relative error cubic on [1/2, 2], 0.4 % at most: 1e-8 after one step.
