@@ -103,6 +103,7 @@ INLINE int wait_for_look(const SlideArrays* arrays, SlidingQueue* q, int place, 
   return 1;
 }
 
+// Puts rows back, or has their nodes wait for a look; first, one step on for those that wait.
 OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
                                FinishedRows rows, __global real* u_next) {
   if (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);

@@ -161,11 +161,17 @@ def test_forces_of_every_executor_carry_the_stress(executor, name):
             assert error <= tolerance * (abs(expected).max() + 2e5 * 1e-6)
 
 
+def sheared_volume_changes(J):
+    """F of det J with F_xy the only shear: P_xy of the decoupled law is mu J^(-2/3) F_xy."""
+    F = np.eye(3) * np.cbrt(J)[:, None, None]
+    F[:, 0, 1] = 0.3 * np.cbrt(J)
+    return F
+
+
 def test_cube_root_over_its_range():
     """The kernels' own J^(-1/3), read off a pure volume change under the coupled-free law."""
     J = np.geomspace(0.04, 30.0, 200)
-    F = np.eye(3) * np.cbrt(J)[:, None, None]
-    F[:, 0, 1] = 0.3 * np.cbrt(J)
+    F = sheared_volume_changes(J)
     material = make("neo_hookean")
     sim = tf.Simulator(lone_voxels(material, 200), device="native", precision="double")
     shear = first_piola(sim, F)[:, 0, 1] * np.cbrt(J)
@@ -176,8 +182,7 @@ def test_cube_root_over_its_range():
 def test_cube_root_in_single_precision(executor):
     """As above, off the nodal forces of the device, near 1, where a polynomial gives it."""
     J = np.linspace(0.7, 1.3, 181)
-    F = np.eye(3) * np.cbrt(J)[:, None, None]
-    F[:, 0, 1] = 0.3 * np.cbrt(J)
+    F = sheared_volume_changes(J)
     material = make("neo_hookean")
     model = lone_voxels(material, len(J))
     sim = tf.Simulator(model, precision="single", **executor.kwargs)
