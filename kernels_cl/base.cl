@@ -11,11 +11,20 @@ INLINE IsotropicStress isochoric_neo_hookean(realv mu, Kinematics k) {
   return s;
 }
 
+// Pa.
+typedef struct { realv mu, bulk_log_half, bulk_quadratic; } BaseModuli;
+
+INLINE BaseModuli base_moduli(__global const real* parameters) {
+  BaseModuli m;
+  m.mu = load_lanes(parameters + MATERIAL_MU * TLED_LANES);
+  m.bulk_log_half = load_lanes(parameters + MATERIAL_BULK_LOG_HALF * TLED_LANES);
+  m.bulk_quadratic = load_lanes(parameters + MATERIAL_BULK_QUADRATIC * TLED_LANES);
+  return m;
+}
+
 // dU/dJ, Pa.
-INLINE realv volumetric_stress(__global const real* parameters, Kinematics k) {
-  const realv bulk_log_half = load_lanes(parameters + MATERIAL_BULK_LOG_HALF * TLED_LANES);
-  const realv bulk_quadratic = load_lanes(parameters + MATERIAL_BULK_QUADRATIC * TLED_LANES);
-  return bulk_log_half * (k.J - k.inverse_J) + bulk_quadratic * (k.J - R(1.0));
+INLINE realv volumetric_stress(BaseModuli m, Kinematics k) {
+  return m.bulk_log_half * (k.J - k.inverse_J) + m.bulk_quadratic * (k.J - R(1.0));
 }
 
 INLINE realv base_energy(__global const real* parameters, Kinematics k) {

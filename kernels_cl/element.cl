@@ -21,12 +21,16 @@ INLINE Tensor deformation_gradient(Tensor linear, Axes gradient) {
   return F;
 }
 
+// J of F, whose cofactors are there.
+INLINE realv determinant(Tensor F, Tensor cof) {
+  return F.xx * cof.xx + F.xy * cof.xy + F.xz * cof.xz;
+}
+
 // A lane without element is not present. Its corners may belong to other elements and its F be
 // anything, so J is set to 1 there: every stress is then 0 times something finite.
 INLINE realv volume_ratio(Tensor F, Tensor cof, __global const real* parameters) {
-  const realv J = F.xx * cof.xx + F.xy * cof.xy + F.xz * cof.xz;
   const realv present = load_lanes(parameters + MATERIAL_PRESENT * TLED_LANES);
-  return present > R(0.0) ? J : broadcast(R(1.0));
+  return present > R(0.0) ? determinant(F, cof) : broadcast(R(1.0));
 }
 
 // F, cof and J are there.
@@ -105,11 +109,19 @@ INLINE void scale_columns(Tensor* P, __global const real* shape) {
 // Stress of one muscle: along (x) pull, column d times V/(4 h_d).
 typedef struct { Vec along, pull; } FibreStress;
 
+// Which muscle, and its row set for a block.
+typedef struct { int muscle, set; } MuscleEntry;
+INLINE MuscleEntry muscle_entry(ElementTables t, int entry) {
+  const MuscleEntry e = {t.muscle_entries[2 * entry], t.muscle_entries[2 * entry + 1]};
+  return e;
+}
+
 // Of one of the block's entries of muscles. Lanes without fibre have weight 0 and a zero direction; their
 // stretch is 0 then, which the law takes. force: V/(4 h_d).
-INLINE FibreStress fibre_stress(ElementTables t, int entry, Axes force, Tensor F, realv J, int lane) {
-  const int muscle = t.muscle_entries[2 * entry], set = t.muscle_entries[2 * entry + 1];
-  __global const real* rows = t.muscle_sets + (long)set * (TLED_MUSCLE_ROWS * TLED_LANES) + lane;
+INLINE FibreStress fibre_stress(ElementTables t, MuscleEntry entry, Axes force, Tensor F, realv J,
+                                int lane) {
+  const int muscle = entry.muscle;
+  __global const real* rows = t.muscle_sets + (long)entry.set * (TLED_MUSCLE_ROWS * TLED_LANES) + lane;
   const realv dx = load_lanes(rows), dy = load_lanes(rows + TLED_LANES),
               dz = load_lanes(rows + 2 * TLED_LANES);
   const realv scale = load_lanes(rows + 3 * TLED_LANES) * J;
@@ -126,11 +138,13 @@ INLINE FibreStress fibre_stress(ElementTables t, int entry, Axes force, Tensor F
   return s;
 }
 
-// Adds the stress of every muscle with fibres in the block to P_scaled.
-INLINE void add_muscles(ElementTables t, Tensor F, realv J, __global const int* links, Axes force,
-                        int lane, Tensor* P_scaled) {
-  for (int entry = links[BLOCK_MUSCLE_BEGIN]; entry < links[BLOCK_MUSCLE_END]; ++entry) {
-    const FibreStress s = fibre_stress(t, entry, force, F, J, lane);
+// Adds the stress of every muscle with fibres in the block, of entries begin to end, to P_scaled. first: what
+// stands at begin, if there is any.
+INLINE void add_muscles(ElementTables t, Tensor F, realv J, int begin, int end, MuscleEntry first,
+                        Axes force, int lane, Tensor* P_scaled) {
+  for (int entry = begin; entry < end;) {
+    const FibreStress s = fibre_stress(t, first, force, F, J, lane);
+    if (++entry < end) first = muscle_entry(t, entry);
     P_scaled->xx += s.along.x * s.pull.x;
     P_scaled->xy += s.along.x * s.pull.y;
     P_scaled->xz += s.along.x * s.pull.z;
@@ -148,10 +162,10 @@ INLINE void add_muscles(ElementTables t, Tensor F, realv J, __global const int* 
 INLINE Tensor scaled_stress(ElementTables t, Kinematics k, __global const real* parameters,
                             __global const int* links, int lane, int store) {
   Tensor P;
-  const realv volumetric = volumetric_stress(parameters, k);
+  const BaseModuli moduli = base_moduli(parameters);
+  const realv volumetric = volumetric_stress(moduli, k);
   if (!TLED_LAWS || links[BLOCK_LAW_BEGIN] == links[BLOCK_LAW_END]) {
-    const IsotropicStress s =
-        isochoric_neo_hookean(load_lanes(parameters + MATERIAL_MU * TLED_LANES), k);
+    const IsotropicStress s = isochoric_neo_hookean(moduli.mu, k);
     const realv along_cof = s.along_cof + volumetric;
     const real x = t.shape[SHAPE_FORCE], y = t.shape[SHAPE_FORCE + 1], z = t.shape[SHAPE_FORCE + 2];
     const realv ax = s.along_F * x, cx = along_cof * x, ay = s.along_F * y, cy = along_cof * y,
@@ -175,7 +189,10 @@ INLINE Tensor scaled_stress(ElementTables t, Kinematics k, __global const real* 
     add_scaled(&P, broadcast(R(0.0)), k.F, volumetric, k.cof);
     scale_columns(&P, t.shape);
   }
-  add_muscles(t, k.F, k.J, links, voxel_force(t.shape, 0), lane, &P);
+  const int begin = links[BLOCK_MUSCLE_BEGIN], end = links[BLOCK_MUSCLE_END];
+  MuscleEntry first = {0, 0};
+  if (begin < end) first = muscle_entry(t, begin);
+  add_muscles(t, k.F, k.J, begin, end, first, voxel_force(t.shape, 0), lane, &P);
   return P;
 }
 

@@ -37,15 +37,25 @@ INLINE void subtract_product(Tensor* P, Vec f, Vec q) {
 // h_x/h_y and so on, of the element's box.
 typedef struct { realv xy, yx, yz, zy, zx, xz; } BoxRatios;
 
+// What the hourglass modes of a box are worth: MATERIAL_NU and on.
+typedef struct { realv nu, bend_x, bend_y, bend_z, twist, odd; } BoxModuli;
+
+INLINE BoxModuli box_moduli(__global const real* parameters) {
+  BoxModuli m;
+  m.nu = load_lanes(parameters + MATERIAL_NU * TLED_LANES);
+  m.bend_x = load_lanes(parameters + MATERIAL_BEND_X * TLED_LANES);
+  m.bend_y = load_lanes(parameters + MATERIAL_BEND_Y * TLED_LANES);
+  m.bend_z = load_lanes(parameters + MATERIAL_BEND_Z * TLED_LANES);
+  m.twist = load_lanes(parameters + MATERIAL_TWIST * TLED_LANES);
+  m.odd = load_lanes(parameters + MATERIAL_XYZ * TLED_LANES);
+  return m;
+}
+
 // dW/dq of a box (N m over m): what its pulled-back modes q are worth. q is along the box's axes d
 // over 4 h_d, hence the factor 16 in the coefficients.
-INLINE Hourglass hourglass_moments(__global const real* parameters, BoxRatios ratio, Hourglass q) {
-  const realv nu = load_lanes(parameters + MATERIAL_NU * TLED_LANES);
-  const realv bend_x = load_lanes(parameters + MATERIAL_BEND_X * TLED_LANES);
-  const realv bend_y = load_lanes(parameters + MATERIAL_BEND_Y * TLED_LANES);
-  const realv bend_z = load_lanes(parameters + MATERIAL_BEND_Z * TLED_LANES);
-  const realv twist = load_lanes(parameters + MATERIAL_TWIST * TLED_LANES);
-  const realv odd = load_lanes(parameters + MATERIAL_XYZ * TLED_LANES);
+INLINE Hourglass hourglass_moments(BoxModuli m, BoxRatios ratio, Hourglass q) {
+  const realv nu = m.nu, bend_x = m.bend_x, bend_y = m.bend_y, bend_z = m.bend_z, twist = m.twist,
+              odd = m.odd;
   const realv xy = ratio.xy, yx = ratio.yx, yz = ratio.yz, zy = ratio.zy, zx = ratio.zx,
               xz = ratio.xz;
 
@@ -83,7 +93,7 @@ INLINE Hourglass hourglass_of_box(__global const real* parameters, BoxRatios rat
   q.yz = pulled_back(ix, iy, iz, s.yz);
   q.zx = pulled_back(ix, iy, iz, s.zx);
   q.xyz = pulled_back(ix, iy, iz, s.xyz);
-  const Hourglass g = hourglass_moments(parameters, ratio, q);
+  const Hourglass g = hourglass_moments(box_moduli(parameters), ratio, q);
   Hourglass f;
   f.xy = pushed_forward(ix, iy, iz, g.xy);
   subtract_product(P_scaled, f.xy, q.xy);

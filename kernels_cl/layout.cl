@@ -34,8 +34,12 @@
 #define BLOCK_LAW_END 13
 #define BLOCK_NEXT_XY 14  // BLOCK_NEXT_X of BLOCK_NEXT_Y
 // Subcycling: level of its nodes, of its elements and of the nodes of the block before in x, four
-// bits each. What is on level l takes a step of 2^l of the shortest steps. Rows kernels only.
+// bits each. What is on level l takes a step of 2^l of the shortest steps. Rows kernels only. The upper
+// half has a bit for each lane with an element.
 #define BLOCK_LEVELS 15
+#define ELEMENT_BITS(levels) ((levels) & ~0xffff)
+#define ELEMENT_BIT(lane) (16 + (lane))
+#define HAS_ELEMENT(levels, lane) ((levels) >> ELEMENT_BIT(lane) & 1)
 #define NODE_LEVEL(levels) ((levels) & 15)
 #define ELEMENT_LEVEL(levels) ((levels) >> 4 & 15)
 #define PREV_X_LEVEL(levels) ((levels) >> 8 & 15)

@@ -76,22 +76,36 @@ OUT_OF_LINE void laws_of_row(const ElementTables* t, const Face* low, const Face
 }
 #endif
 
-// material: the block's row set; lane: this work-item's, 0 where it does all.
+// material: the block's row set; lane: this work-item's, which has an element, 0 where it does all.
 INLINE void row_element(ElementTables t, const Face* low, const Face* high,
                         __global const int* links, int material, int block, int lane, int store,
                         const int physical, const int cube, ElementForce* e) {
   __global const real* parameters =
       t.materials + (long)material * (TLED_MATERIAL_ROWS * TLED_LANES) + lane;
   const Axes gradient = voxel_gradient(t.shape, cube), force = voxel_force(t.shape, cube);
-  const Kinematics k =
-      kinematics(deformation_gradient(linear_modes(low, high), gradient), parameters);
+  const int muscle = links[BLOCK_MUSCLE_BEGIN], muscle_end = links[BLOCK_MUSCLE_END];
+  MuscleEntry first = {0, 0};
+  BaseModuli moduli;
+  BoxModuli box;
+  // A work-item of one lane waits for memory: it asks before the branches of the cube root and of the muscles
+  // for what compilers would ask for behind them. Vectors have no registers for that.
+  if (!TLED_VECTOR_ROWS) {
+    moduli = base_moduli(parameters);
+    if (muscle < muscle_end) first = muscle_entry(t, muscle);
+  }
+  Kinematics k;
+  k.F = deformation_gradient(linear_modes(low, high), gradient);
+  k.cof = cofactors(k.F);
+  // A work-item of one lane comes here only where there is an element.
+  k.J = TLED_VECTOR_ROWS ? volume_ratio(k.F, k.cof, parameters) : determinant(k.F, k.cof);
+  complete_kinematics(&k);
   e->F = k.F;
   e->cof = k.cof;
-  realv along_F = broadcast(R(0.0)), along_cof = volumetric_stress(parameters, k);
+  if (TLED_VECTOR_ROWS) moduli = base_moduli(parameters);
+  realv along_F = broadcast(R(0.0)), along_cof = volumetric_stress(moduli, k);
   const int has_laws = TLED_LAWS && links[BLOCK_LAW_BEGIN] != links[BLOCK_LAW_END];
   if (!has_laws) {
-    const IsotropicStress s =
-        isochoric_neo_hookean(load_lanes(parameters + MATERIAL_MU * TLED_LANES), k);
+    const IsotropicStress s = isochoric_neo_hookean(moduli.mu, k);
     along_F = s.along_F;
     along_cof += s.along_cof;
   }
@@ -101,12 +115,14 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
   e->along_cof.x = along_cof * force.x;
   e->along_cof.y = along_cof * force.y;
   e->along_cof.z = along_cof * force.z;
-  const int muscle = links[BLOCK_MUSCLE_BEGIN], n_muscles = links[BLOCK_MUSCLE_END] - muscle;
+  if (physical && !TLED_VECTOR_ROWS) box = box_moduli(parameters);
+  const int n_muscles = muscle_end - muscle;
+  if (TLED_VECTOR_ROWS && n_muscles > 0) first = muscle_entry(t, muscle);
   // A GPU's work-item would hold the room for both in registers: there one muscle is a tensor as well.
   e->has_fibre = TLED_VECTOR_ROWS && !has_laws && n_muscles == 1;
   e->has_own = has_laws || n_muscles > (TLED_VECTOR_ROWS ? 1 : 0);
   if (e->has_fibre) {
-    e->fibre = fibre_stress(t, muscle, force, k.F, k.J, lane);
+    e->fibre = fibre_stress(t, first, force, k.F, k.J, lane);
   } else if (e->has_own) {
     Tensor own;
     clear_tensor(&own);
@@ -124,7 +140,7 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
 #endif
       own = laws;
     }
-    add_muscles(t, k.F, k.J, links, force, lane, &own);
+    add_muscles(t, k.F, k.J, muscle, muscle_end, first, force, lane, &own);
     e->own = own;
   }
   if (physical) {
@@ -134,7 +150,8 @@ INLINE void row_element(ElementTables t, const Face* low, const Face* high,
     e->q.yz = pulled_back(ix, iy, iz, mode_yz(low, high));
     e->q.zx = pulled_back(ix, iy, iz, mode_zx(low, high));
     e->q.xyz = pulled_back(ix, iy, iz, mode_xyz(low, high));
-    const Hourglass g = hourglass_moments(parameters, voxel_ratios(t.shape, cube), e->q);
+    if (TLED_VECTOR_ROWS) box = box_moduli(parameters);
+    const Hourglass g = hourglass_moments(box, voxel_ratios(t.shape, cube), e->q);
     e->f.xy = pushed_forward(ix, iy, iz, g.xy);
     e->f.yz = pushed_forward(ix, iy, iz, g.yz);
     e->f.zx = pushed_forward(ix, iy, iz, g.zx);

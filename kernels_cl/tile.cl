@@ -21,6 +21,17 @@
 // A node adds its forces in an order that tiles have no part in: shapes of tiles do not change a bit.
 // Nodes that slide are put back as soon as they are moved (level 1 of sliding.cl), or wait in its queue.
 
+// Real by real: vectors would need local memory that is aligned better than some drivers align it.
+INLINE Vec local_vec(__local const real* p) {
+  const Vec v = {p[0], p[1], p[2]};
+  return v;
+}
+INLINE void put_local(real x, real y, real z, __local real* p) {
+  p[0] = x;
+  p[1] = y;
+  p[2] = z;
+}
+
 // Where a work-item finds a column of nodes: its blocks, plane by plane, and its place in local memory.
 typedef struct {
   __global const int* place;
@@ -38,41 +49,36 @@ INLINE Column column_of(__global const int* tile, __global const int* places, in
   return c;
 }
 
-INLINE void fetch_node(__global const real* u, int block, int lane, real node[3]) {
+INLINE Vec fetch_node(__global const real* u, int block, int lane) {
   const int at = block * (3 * TLED_LANES) + lane;
-  node[0] = u[at];
-  node[1] = u[at + TLED_LANES];
-  node[2] = u[at + 2 * TLED_LANES];
-}
-INLINE void put_node(const real node[3], __local real* plane) {
-  plane[0] = node[0];
-  plane[1] = node[1];
-  plane[2] = node[2];
+  const Vec node = {u[at], u[at + TLED_LANES], u[at + 2 * TLED_LANES]};
+  return node;
 }
 
 // Modes of the displacements at the corners of a face; corner: the low one's, next: from a row of
 // nodes to the one behind it.
+INLINE void modes_of(real lower, real lower_next, real upper, real upper_next, const int c, Face* face) {
+  const real a = lower + lower_next, b = lower_next - lower;
+  const real d = upper + upper_next, e = upper_next - upper;
+  face->s[c] = a + d;
+  face->x[c] = b + e;
+  face->y[c] = d - a;
+  face->xy[c] = e - b;
+}
 INLINE void face_of(__local const real* corner, int next, Face* face) {
-  for (int c = 0; c < 3; ++c) {
-    const real lower = corner[c], lower_next = corner[3 + c], upper = corner[next + c],
-               upper_next = corner[next + 3 + c];
-    const real a = lower + lower_next, b = lower_next - lower;
-    const real d = upper + upper_next, e = upper_next - upper;
-    face->s[c] = a + d;
-    face->x[c] = b + e;
-    face->y[c] = d - a;
-    face->xy[c] = e - b;
-  }
+  const Vec lower = local_vec(corner), lower_next = local_vec(corner + 3),
+            upper = local_vec(corner + next), upper_next = local_vec(corner + next + 3);
+  modes_of(lower.x, lower_next.x, upper.x, upper_next.x, 0, face);
+  modes_of(lower.y, lower_next.y, upper.y, upper_next.y, 1, face);
+  modes_of(lower.z, lower_next.z, upper.z, upper_next.z, 2, face);
 }
 
-// A component of an element's forces on its low face, split among the corners: the item's own is
-// returned, those of the corners behind it in x, in y and in both are handed on.
-INLINE real hand_on(FaceForce f, const int component, __local real* mine) {
+// An element's forces on its low face by corner: the item's own, those behind it in x, in y and in both.
+typedef struct { real own, x, y, xy; } CornerForce;
+INLINE CornerForce by_corner(FaceForce f) {
   const real lower = f.s - f.y, lower_x = f.x - f.xy, upper = f.s + f.y, upper_x = f.x + f.xy;
-  mine[component] = lower + lower_x;
-  mine[3 + component] = upper - upper_x;
-  mine[6 + component] = upper + upper_x;
-  return lower - lower_x;
+  const CornerForce force = {lower - lower_x, lower + lower_x, upper - upper_x, upper + upper_x};
+  return force;
 }
 
 // Sliding nodes of a tile; of_block: the row of those of a block, -1: none.
@@ -82,6 +88,112 @@ typedef struct {
   volatile __global int* queue;
   int parity;
 } TileSliding;
+
+// What an item walks with: what stays, and where it is.
+typedef struct {
+  __global const real *u, *node_sets;
+  __global real* out;
+  __local real *handed, *planes;
+  Column own, more;
+  NodeMotion motion;
+  int item, n_items, width, row_reals, plane_reals, plane_places, last, n_blocks, n_planes;
+  int brings_more, has_column, integrates;
+} TileWalk;
+typedef struct {
+  // Blocks of the item's node on this plane and the next two; of the other column on the one after.
+  int block, next_block, ahead, ahead_block, more_block;
+  int material, node_set, levels, slide_row;  // of block
+  Face carried;  // forces on the face between this plane's elements and those below
+} TilePlace;
+
+// What the end of a plane and the planes to come need of global memory.
+typedef struct {
+  Vec coming, more_coming, before, inverse_mass;
+  SlidingNode held;
+  int far_block, material, node_set, levels, slide_row;
+} TileFetch;
+
+// Whether the item has a node on this plane that the tile owns.
+INLINE int owns_node(const TileWalk* w, const TilePlace* at, int plane) {
+  return w->has_column && plane > 0 && at->block < w->n_blocks;
+}
+
+INLINE void fetch_for(ElementTables t, const TileWalk* w, TilePlace* at, int plane, TileSliding sliding,
+                      const int slides, TileFetch* f) {
+  const Vec zero = {R(0.0), R(0.0), R(0.0)};
+  f->coming = fetch_node(w->u, at->ahead_block, w->own.lane);
+  if (w->brings_more) f->more_coming = fetch_node(w->u, at->more_block, w->more.lane);
+  at->ahead = min(at->ahead + w->plane_places, w->last);
+  f->far_block = w->own.place[at->ahead];
+  if (w->brings_more) at->more_block = w->more.place[at->ahead];
+  __global const int* links = t.blocks + at->next_block * TLED_BLOCK_INTS;
+  f->material = links[BLOCK_MATERIAL];
+  f->node_set = links[BLOCK_NODE];
+  f->levels = links[BLOCK_LEVELS];
+  f->slide_row = slides ? sliding.of_block[at->next_block] : -1;
+  f->before = f->inverse_mass = zero;
+  if (owns_node(w, at, plane)) {
+    if (slides && at->slide_row >= 0)
+      f->held = sliding_node(sliding.rows, sliding.ints, at->slide_row, w->own.lane);
+    f->before = fetch_node(w->out, at->block, w->own.lane);
+    f->inverse_mass = fetch_node(w->node_sets, at->node_set, w->own.lane);
+  }
+}
+
+// One plane. low, high: modes of the faces below and above its elements; turn: which of two buffers.
+INLINE void walk_plane(ElementTables t, const TileWalk* w, TilePlace* at, int plane, const int turn,
+                       const Face* low, Face* high, TileSliding sliding, const int physical,
+                       const int cube, const int slides) {
+  const int lane = w->own.lane, block = at->block;
+  __local real* here = w->planes + turn * w->plane_reals;
+  __local real* mine = w->handed + (turn * w->n_items + w->item) * TLED_TILE_HANDED;
+  TileFetch f;
+  fetch_for(t, w, at, plane, sliding, slides, &f);
+  face_of(w->planes + (1 - turn) * w->plane_reals + w->own.at, w->row_reals, high);
+  CornerForce x, y, z;
+  if (HAS_ELEMENT(at->levels, lane)) {
+    ElementForce e;
+    row_element(t, low, high, t.blocks + block * TLED_BLOCK_INTS, at->material, block, lane,
+                w->integrates && owns_node(w, at, plane), physical, cube, &e);
+    x = by_corner(element_force_x(&e, &at->carried, physical));
+    y = by_corner(element_force_y(&e, &at->carried, physical));
+    z = by_corner(element_force_z(&e, &at->carried, physical));
+  } else {
+    x = by_corner(carried_only(&at->carried, 0));
+    y = by_corner(carried_only(&at->carried, 1));
+    z = by_corner(carried_only(&at->carried, 2));
+  }
+  put_local(x.x, y.x, z.x, mine);
+  put_local(x.y, y.y, z.y, mine + 3);
+  put_local(x.xy, y.xy, z.xy, mine + 6);
+  const Vec node = local_vec(here + w->own.at);
+  put_local(f.coming.x, f.coming.y, f.coming.z, here + w->own.at);
+  if (w->brings_more) put_local(f.more_coming.x, f.more_coming.y, f.more_coming.z, here + w->more.at);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  if (owns_node(w, at, plane)) {
+    __local const real* behind = mine - w->width * TLED_TILE_HANDED;
+    const Vec left = local_vec(mine - TLED_TILE_HANDED), below = local_vec(behind + 3),
+              before_it = local_vec(behind - TLED_TILE_HANDED + 6);
+    real next[3] = {(x.own + left.x) + (below.x + before_it.x), (y.own + left.y) + (below.y + before_it.y),
+                    (z.own + left.z) + (below.z + before_it.z)};
+    if (w->integrates) {
+      next[0] = next_displacement(node.x, f.before.x, f.inverse_mass.x, &w->motion, next[0], 0);
+      next[1] = next_displacement(node.y, f.before.y, f.inverse_mass.y, &w->motion, next[1], 1);
+      next[2] = next_displacement(node.z, f.before.z, f.inverse_mass.z, &w->motion, next[2], 2);
+    }
+    if (slides && at->slide_row >= 0)
+      hold_node(f.held, sliding.regions, sliding.queue, sliding.parity, at->slide_row, lane, next);
+    __global real* to = w->out + block * (3 * TLED_LANES) + lane;
+    for (int c = 0; c < 3; ++c) to[c * TLED_LANES] = next[c];
+  }
+  at->block = at->next_block;
+  at->next_block = at->ahead_block;
+  at->ahead_block = f.far_block;
+  at->material = f.material;
+  at->node_set = f.node_set;
+  at->levels = f.levels;
+  at->slide_row = f.slide_row;
+}
 
 // Work-item: an element, and a node, of each plane of its tile. integrates: out is u_prev, replaced
 // by the displacement after the step, and histories are kept; else out is the force, N. slides: there
@@ -93,109 +205,63 @@ INLINE void process_tile(ElementTables t, __global const real* u, __global real*
                          const int cube, const int slides) {
   const int item = (int)get_local_id(0), n_items = (int)get_local_size(0), rows = n_items / width;
   const int i = item % width, j = item / width, across = TLED_TILE_BLOCKS(width, TLED_LANES);
-  const int plane_places = (rows + 1) * across, row_reals = 3 * (width + 1);
   __global const int* tile = tiles + (long)get_group_id(0) * TLED_TILE_INTS;
-  const int n_planes = tile[TILE_PLANES], first = tile[TILE_FIRST],
-            last = (n_planes + 1 - first) * plane_places;
-  places += tile[TILE_PLACES] + first * plane_places;
-  const Column own = column_of(tile, places, i, j, width, across);
+  const int first = tile[TILE_FIRST];
+  TileWalk w;
+  w.u = u;
+  w.out = out;
+  w.node_sets = node_sets;
+  w.item = item;
+  w.n_items = n_items;
+  w.width = width;
+  w.n_blocks = n_blocks;
+  w.integrates = integrates;
+  w.row_reals = 3 * (width + 1);
+  w.plane_reals = (rows + 1) * w.row_reals;
+  w.plane_places = (rows + 1) * across;
+  w.n_planes = tile[TILE_PLANES];
+  w.last = (w.n_planes + 1 - first) * w.plane_places;
+  w.handed = handed;
+  w.planes = handed + 2 * n_items * TLED_TILE_HANDED;
+  places += tile[TILE_PLACES] + first * w.plane_places;
+  w.own = column_of(tile, places, i, j, width, across);
+  w.has_column = i > 0 && j > 0;
   // The nodes behind the last column, then those behind the last row.
-  const int brings_more = item < rows + 1 + width;
-  const Column more = item <= rows ? column_of(tile, places, width, item, width, across)
-                                   : column_of(tile, places, item - rows - 1, rows, width, across);
-  __local real* planes = handed + 2 * n_items * TLED_TILE_HANDED;
-  const int plane_reals = (rows + 1) * row_reals;
+  w.brings_more = item < rows + 1 + width;
+  w.more = item <= rows ? column_of(tile, places, width, item, width, across)
+                        : column_of(tile, places, item - rows - 1, rows, width, across);
+  set_motion(t.step, &w.motion);
 
-  // Blocks of the item's node on this plane and the next two; of the other column on the one after.
-  int block = own.place[0], next_block = own.place[plane_places];
-  int ahead = min(2 * plane_places, last), ahead_block = own.place[ahead], more_block = 0;
-  real node[3];
-  fetch_node(u, block, own.lane, node);
-  put_node(node, planes + own.at);
-  fetch_node(u, next_block, own.lane, node);
-  put_node(node, planes + plane_reals + own.at);
-  if (brings_more) {
-    fetch_node(u, more.place[0], more.lane, node);
-    put_node(node, planes + more.at);
-    fetch_node(u, more.place[plane_places], more.lane, node);
-    put_node(node, planes + plane_reals + more.at);
-    more_block = more.place[ahead];
+  TilePlace at;
+  at.block = w.own.place[0];
+  at.next_block = w.own.place[w.plane_places];
+  at.ahead = min(2 * w.plane_places, w.last);
+  at.ahead_block = w.own.place[at.ahead];
+  at.more_block = 0;
+  const Vec node = fetch_node(u, at.block, w.own.lane), next = fetch_node(u, at.next_block, w.own.lane);
+  put_local(node.x, node.y, node.z, w.planes + w.own.at);
+  put_local(next.x, next.y, next.z, w.planes + w.plane_reals + w.own.at);
+  if (w.brings_more) {
+    const Vec corner = fetch_node(u, w.more.place[0], w.more.lane),
+              above = fetch_node(u, w.more.place[w.plane_places], w.more.lane);
+    put_local(corner.x, corner.y, corner.z, w.planes + w.more.at);
+    put_local(above.x, above.y, above.z, w.planes + w.plane_reals + w.more.at);
+    at.more_block = w.more.place[at.ahead];
   }
-  int material = t.blocks[block * TLED_BLOCK_INTS + BLOCK_MATERIAL],
-      node_set = t.blocks[block * TLED_BLOCK_INTS + BLOCK_NODE];
-  int slide_row = slides ? sliding.of_block[block] : -1;
-  barrier(CLK_LOCAL_MEM_FENCE);
-  Face low, carried;  // between this plane's elements and those below: modes, forces
-  face_of(planes + own.at, row_reals, &low);
-  barrier(CLK_LOCAL_MEM_FENCE);  // the first plane's buffer is written again
+  __global const int* links = t.blocks + at.block * TLED_BLOCK_INTS;
+  at.material = links[BLOCK_MATERIAL];
+  at.node_set = links[BLOCK_NODE];
+  at.levels = links[BLOCK_LEVELS];
+  at.slide_row = slides ? sliding.of_block[at.block] : -1;
   for (int c = 0; c < 3; ++c)
-    carried.s[c] = carried.x[c] = carried.y[c] = carried.xy[c] = R(0.0);
-  NodeMotion motion;
-  set_motion(t.step, &motion);
-  for (int plane = first, turn = 0; plane <= n_planes; ++plane, turn = 1 - turn) {
-    const int owned = i > 0 && j > 0 && plane > 0 && block < n_blocks;
-    // What the end of this plane and the planes to come need.
-    real coming[3], more_coming[3], before[3] = {R(0.0), R(0.0), R(0.0)},
-                                    inverse_mass[3] = {R(0.0), R(0.0), R(0.0)};
-    SlidingNode held;
-    if (slides && owned && slide_row >= 0)
-      held = sliding_node(sliding.rows, sliding.ints, slide_row, own.lane);
-    fetch_node(u, ahead_block, own.lane, coming);
-    if (brings_more) fetch_node(u, more_block, more.lane, more_coming);
-    ahead = min(ahead + plane_places, last);
-    const int far_block = own.place[ahead];
-    if (brings_more) more_block = more.place[ahead];
-    const int next_material = t.blocks[next_block * TLED_BLOCK_INTS + BLOCK_MATERIAL],
-              next_node_set = t.blocks[next_block * TLED_BLOCK_INTS + BLOCK_NODE],
-              next_slide_row = slides ? sliding.of_block[next_block] : -1;
-    if (owned) {
-      fetch_node(out, block, own.lane, before);
-      fetch_node(node_sets, node_set, own.lane, inverse_mass);
-    }
-    __local real* above = planes + (1 - turn) * plane_reals + own.at;
-    __local real* here = planes + turn * plane_reals;
-    __local real* mine = handed + (turn * n_items + item) * TLED_TILE_HANDED;
-    Face high;
-    face_of(above, row_reals, &high);
-    real force[3];
-    if (material >= 0 &&
-        t.materials[(long)material * (TLED_MATERIAL_ROWS * TLED_LANES) +
-                    MATERIAL_PRESENT * TLED_LANES + own.lane] > R(0.0)) {
-      ElementForce e;
-      row_element(t, &low, &high, t.blocks + block * TLED_BLOCK_INTS, material, block, own.lane,
-                  integrates && owned, physical, cube, &e);
-      force[0] = hand_on(element_force_x(&e, &carried, physical), 0, mine);
-      force[1] = hand_on(element_force_y(&e, &carried, physical), 1, mine);
-      force[2] = hand_on(element_force_z(&e, &carried, physical), 2, mine);
-    } else {
-      for (int c = 0; c < 3; ++c) force[c] = hand_on(carried_only(&carried, c), c, mine);
-    }
+    at.carried.s[c] = at.carried.x[c] = at.carried.y[c] = at.carried.xy[c] = R(0.0);
+  barrier(CLK_LOCAL_MEM_FENCE);
+  Face low, high;
+  face_of(w.planes + w.own.at, w.row_reals, &low);
+  barrier(CLK_LOCAL_MEM_FENCE);  // the first plane's buffer is written again
+  for (int plane = first, turn = 0; plane <= w.n_planes; ++plane, turn = 1 - turn) {
+    walk_plane(t, &w, &at, plane, turn, &low, &high, sliding, physical, cube, slides);
     low = high;
-    for (int c = 0; c < 3; ++c) node[c] = here[own.at + c];
-    put_node(coming, here + own.at);
-    if (brings_more) put_node(more_coming, here + more.at);
-    barrier(CLK_LOCAL_MEM_FENCE);
-    if (owned) {
-      __local const real* left = mine - TLED_TILE_HANDED;
-      __local const real* below = mine - width * TLED_TILE_HANDED;
-      __local const real* before_it = below - TLED_TILE_HANDED;
-      const int at = block * (3 * TLED_LANES) + own.lane;
-      real next[3];
-      for (int c = 0; c < 3; ++c) {
-        const real f = (force[c] + left[c]) + (below[3 + c] + before_it[6 + c]);
-        next[c] =
-            integrates ? next_displacement(node[c], before[c], inverse_mass[c], &motion, f, c) : f;
-      }
-      if (slides && slide_row >= 0)
-        hold_node(held, sliding.regions, sliding.queue, sliding.parity, slide_row, own.lane, next);
-      for (int c = 0; c < 3; ++c) out[at + c * TLED_LANES] = next[c];
-    }
-    block = next_block;
-    next_block = ahead_block;
-    ahead_block = far_block;
-    material = next_material;
-    node_set = next_node_set;
-    slide_row = next_slide_row;
   }
 }
 

@@ -60,12 +60,13 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
   double inverse_squares = 0;  // sum 1/h^2 of a voxel
   for (const double side : model.voxel) inverse_squares += 1 / (side * side);
   for (std::int32_t b = 0; b < n_blocks; ++b) {
-    bool has_element = false;
+    std::int32_t* links = &arrays.blocks[std::size_t(b) * TLED_BLOCK_INTS];
+    std::uint32_t elements = 0;
     std::fill(set.begin(), set.end(), 0.0);
     for (int lane = 0; lane < lanes; ++lane) {
       const std::int64_t e = element_at[std::size_t(b) * lanes + lane];
       if (e < 0) continue;
-      has_element = true;
+      elements |= 1u << ELEMENT_BIT(lane);
       const double mu = model.shear_modulus[e], bulk = model.bulk_modulus[e];
       const double nu = (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu));
       const double youngs_modulus = 9 * bulk * mu / (3 * bulk + mu);
@@ -90,8 +91,9 @@ SolverArrays make_solver_arrays(const VoxelModel& model, const PrecomputeOptions
                                 : options.kappa * volume / 16 * inverse_squares * modulus);
       }
     }
-    if (!has_element) continue;
-    arrays.blocks[std::size_t(b) * TLED_BLOCK_INTS + BLOCK_MATERIAL] = materials.add(set);
+    if (!elements) continue;
+    links[BLOCK_MATERIAL] = materials.add(set);
+    links[BLOCK_LEVELS] = static_cast<std::int32_t>(elements);
     ++arrays.n_element_blocks;
   }
 

@@ -87,7 +87,8 @@ std::vector<std::int32_t> links_with_levels(const SolverArrays& arrays, const Bl
     std::int32_t* block = &links[std::size_t(b) * TLED_BLOCK_INTS];
     const std::int32_t before = block[BLOCK_PREV_X];
     const int level_before = before < arrays.n_blocks ? levels.nodes[before] : 0;
-    block[BLOCK_LEVELS] = levels.nodes[b] | levels.elements[b] << 4 | level_before << 8;
+    block[BLOCK_LEVELS] = ELEMENT_BITS(block[BLOCK_LEVELS]) | levels.nodes[b] |
+                          levels.elements[b] << 4 | level_before << 8;
   }
   return links;
 }

@@ -87,24 +87,25 @@ def test_no_race_and_no_invalid_access(oclgrind, tmp_path, kernels, precision, h
     assert complaints(oclgrind, tmp_path / "log", kernels, precision, hourglass, laws) == ""
 
 
-BARRIER_OF_PLANES = "barrier(CLK_LOCAL_MEM_FENCE);\n    if (owned)"
+OWNED = "if (owns_node(w, at, plane)) {\n    __local"
+BARRIER_OF_PLANES = f"barrier(CLK_LOCAL_MEM_FENCE);\n  {OWNED}"
 BARRIER_OF_FIRST = "barrier(CLK_LOCAL_MEM_FENCE);  // the first plane's buffer is written again"
 
 
 @pytest.mark.parametrize(
     ("file", "text", "instead", "what"),
     [
-        ("tile.cl", BARRIER_OF_PLANES, "if (owned)", "data race at local memory"),
+        ("tile.cl", BARRIER_OF_PLANES, OWNED, "data race at local memory"),
         ("tile.cl", BARRIER_OF_FIRST, "", "data race at local memory"),
-        ("tile.cl", "planes + turn * plane_reals;", "planes;", "data race at local memory"),
-        ("tile.cl", "(turn * n_items", "(0 * n_items", "data race at local memory"),
+        ("tile.cl", "w->planes + turn * w->plane_reals;", "w->planes;", "data race at local memory"),
+        ("tile.cl", "(turn * w->n_items", "(0 * w->n_items", "data race at local memory"),
         (
             "tile.cl",
-            "i > 0 && j > 0 && plane > 0",
+            "w->has_column && plane > 0",
             "plane > 0",
             "Invalid read of size 4 at local",
         ),
-        ("tile.cl", "i > 0 && j > 0 && plane > 0", "i > 0 && j > 0", "data race at global memory"),
+        ("tile.cl", "w->has_column && plane > 0", "w->has_column", "data race at global memory"),
         ("device_checks.cl", "if (item >= n_left) return;", "", "data race at global memory"),
     ],
     ids=[
