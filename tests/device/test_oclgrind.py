@@ -97,7 +97,7 @@ BARRIER_OF_FIRST = "barrier(CLK_LOCAL_MEM_FENCE);  // the first plane's buffer i
     [
         ("tile.cl", BARRIER_OF_PLANES, OWNED, "data race at local memory"),
         ("tile.cl", BARRIER_OF_FIRST, "", "data race at local memory"),
-        ("tile.cl", "w->planes + turn * w->plane_reals;", "w->planes;", "data race at local memory"),
+        ("tile.cl", " turn * w->plane_reals;", " 0;", "data race at local memory"),
         ("tile.cl", "(turn * w->n_items", "(0 * w->n_items", "data race at local memory"),
         (
             "tile.cl",
