@@ -14,8 +14,8 @@
 //
 // What two elements of a column share, the transform of the face between them and the forces on it,
 // stays in the item's registers. Displacements come through local memory: an item brings that of its
-// own node two planes ahead, some bring one of the last column or row besides. They and whatever else
-// a plane needs are asked for a plane before, so that nothing waits for memory. Of all that is in
+// own node two planes ahead, some bring one of the last column or row besides. They and the links of
+// blocks are asked for a plane before, what moves the node at the begin of its plane. Of all that is in
 // local memory there are two buffers that take turns: one barrier a plane is enough, since who writes
 // a buffer again has passed the barrier behind its last reading.
 // A node adds its forces in an order that tiles have no part in: shapes of tiles do not change a bit.
@@ -55,8 +55,7 @@ INLINE Vec fetch_node(__global const real* u, int block, int lane) {
   return node;
 }
 
-// Modes of the displacements at the corners of a face; corner: the low one's, next: from a row of
-// nodes to the one behind it.
+// Component c of the modes of a face, of the displacements at its corners.
 INLINE void modes_of(real lower, real lower_next, real upper, real upper_next, const int c, Face* face) {
   const real a = lower + lower_next, b = lower_next - lower;
   const real d = upper + upper_next, e = upper_next - upper;
@@ -65,6 +64,7 @@ INLINE void modes_of(real lower, real lower_next, real upper, real upper_next, c
   face->y[c] = d - a;
   face->xy[c] = e - b;
 }
+// corner: displacement of the low one, next: from a row of nodes to the one behind it.
 INLINE void face_of(__local const real* corner, int next, Face* face) {
   const Vec lower = local_vec(corner), lower_next = local_vec(corner + 3),
             upper = local_vec(corner + next), upper_next = local_vec(corner + next + 3);
@@ -89,7 +89,7 @@ typedef struct {
   int parity;
 } TileSliding;
 
-// What an item walks with: what stays, and where it is.
+// What an item walks with, that stays.
 typedef struct {
   __global const real *u, *node_sets;
   __global real* out;
@@ -99,6 +99,7 @@ typedef struct {
   int item, n_items, width, row_reals, plane_reals, plane_places, last, n_blocks, n_planes;
   int brings_more, has_column, integrates;
 } TileWalk;
+// Where it is.
 typedef struct {
   // Blocks of the item's node on this plane and the next two; of the other column on the one after.
   int block, next_block, ahead, ahead_block, more_block;
@@ -118,6 +119,7 @@ INLINE int owns_node(const TileWalk* w, const TilePlace* at, int plane) {
   return w->has_column && plane > 0 && at->block < w->n_blocks;
 }
 
+// Asks for that, and goes on to the places after the next two.
 INLINE void fetch_for(ElementTables t, const TileWalk* w, TilePlace* at, int plane, TileSliding sliding,
                       const int slides, TileFetch* f) {
   const Vec zero = {R(0.0), R(0.0), R(0.0)};
