@@ -117,8 +117,7 @@ INLINE void fetch_zone(const SlideRow* row, const SlideSurfaces* s, int lane, Po
   const int zone = zone_to_try(record, place_of(record, u));
   if (zone >= 0) {
     __global const real* in = s->zones + (long)zone * ZONE_UNIT;
-    const int reals = ZONE_BORDERS + ZONE_GROUP_REALS * (1 + ZONE_HAS_MORE(zone));
-    for (int k = 0; k < reals; k += LINE_REALS) prefetch_to_read(in + k);
+    for (int k = 0; k < ZONE_BORDERS + ZONE_GROUP_REALS; k += LINE_REALS) prefetch_to_read(in + k);
   } else {
     prefetch_line(record + LINE_REALS);
     __global const real* reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;

@@ -73,9 +73,8 @@
 #define TRIANGLE_VERTICES 21  // 9
 #define TRIANGLE_BALL 30    // 4: a ball that holds it: centre, radius
 
-// zones[zone * ZONE_UNIT + ...] (sliding_zone.cl): as many units as its borders need, and of an odd number where
-// these are more than a group; and triangle_zones[triangle * TRIANGLE_ZONES + ...]: of nodes before it the
-// face's, those of edges 0-1, 1-2, 2-0 and of corners, then of nodes behind it; -1: none.
+// zones[zone * ZONE_UNIT + ...] (sliding_zone.cl): as many units as its borders need; and triangle_zones[triangle * TRIANGLE_ZONES + ...]:
+// of nodes before it the face's, those of edges 0-1, 1-2, 2-0 and of corners, then of nodes behind it; -1: none.
 #define ZONE_UNIT 16
 #define ZONE_COUNT 0      // of borders
 #define ZONE_ROUND 1      // as REGION_ROUND
@@ -86,7 +85,6 @@
 #define ZONE_GROUP 8
 #define ZONE_GROUP_REALS (ZONE_GROUP * ZONE_BORDER_REALS)
 #define ZONE_MOST_BORDERS 16
-#define ZONE_HAS_MORE(zone) ((zone) & 1)
 // Where the first real of border k stands; the others follow ZONE_GROUP apart. Places of a group without
 // border have a limit that nothing comes near.
 #define ZONE_BORDER_AT(k) (ZONE_BORDERS + (k) / ZONE_GROUP * ZONE_GROUP_REALS + (k) % ZONE_GROUP)

@@ -426,7 +426,7 @@ class SideZones {
 
 // Each zone in as many units as it has groups of borders: most have one, and what a look at a
 // node waits for is their memory. Zones are then known by their first unit, as far as a float can
-// name it; whether it is odd says how much to fetch.
+// name it.
 static_assert((ZONE_BORDERS + ZONE_GROUP_REALS) % ZONE_UNIT == 0 &&
               ZONE_MOST_BORDERS % ZONE_GROUP == 0);
 void pack(Zones& zones) {
@@ -437,7 +437,6 @@ void pack(Zones& zones) {
   };
   for (std::size_t z = 0; z < count; ++z) {
     const int groups = (n_borders(z) + ZONE_GROUP - 1) / ZONE_GROUP;
-    if (ZONE_HAS_MORE(first[z]) != (groups > 1)) ++first[z];
     first[z + 1] =
         first[z] + (ZONE_BORDERS + groups * ZONE_GROUP_REALS + ZONE_UNIT - 1) / ZONE_UNIT;
   }
