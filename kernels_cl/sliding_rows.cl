@@ -1,32 +1,34 @@
-// Row kernels put sliding nodes back themselves, while they are in a near cache: those of surfaces that
-// stand still, without laws and without other conditions on them (csrc/sim/sliding). Nodes that have to
-// be looked at wait while what that reads is fetched: first what is known of the nodes that left their
-// balls, with the next batch of rows the zones, with the one after they are looked at.
+// Row kernels put sliding nodes back themselves, as soon as a block's are done: those of surfaces that
+// stand still, without laws and without other conditions on them (csrc/sim/sliding). Rows with nodes that
+// have to be looked at wait while what that reads is fetched: first what is known of the nodes that left their
+// balls, the next time that the queue is gone through their zones, then they are looked at.
 
-// Nodes that may wait in each of the two queues, those of a row together; past that they are looked at
-// without.
+// Rows that may wait in each of the two queues; and how many do in the first when it is gone through: the more,
+// the less of them is still in a near cache.
 #define SLIDING_WAIT 32
-typedef struct { int place, lane; } WaitingNode;
+#define SLIDING_ENOUGH 2
+typedef struct { int place, left; } WaitingRow;  // left: lanes that left their balls, as bits
 typedef struct {
   int n_records, n_zones;
-  WaitingNode records[SLIDING_WAIT], zones[SLIDING_WAIT];
+  WaitingRow records[SLIDING_WAIT], zones[SLIDING_WAIT];
 } SlidingQueue;
 
-// Rows of finished nodes that are not back yet.
-typedef struct { int begin, end; } FinishedRows;
+// A band's sliding nodes. place, end: the rows of them that the row of blocks has which are not back yet;
+// block: whose the first is, -1: there is none.
+typedef struct {
+  const SlideArrays* arrays;
+  const SlideSurfaces* surfaces;
+  SlidingQueue* queue;
+  int place, end, block;
+} SlidingRows;
 
-// SLIDE_AHEAD rows are put back together: one by one they wait for each other, and after too many their
-// nodes have left the near caches. What as many rows on from those of a row of blocks read is fetched when
-// that is finished: all at once it would keep the row kernel waiting for its own.
-#if TLED_OPENCL
-// One and a half rows, whose number is not asked: with a loop in it LLVM's row kernel takes 3 % longer.
-INLINE void fetch_ahead(const SlideArrays* arrays, int first, int count) {
-  const int place = first + SLIDE_AHEAD;
-  __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
-  prefetch_line((__global const real*)(arrays->heads + (place + SLIDE_AHEAD) * SLIDE_HEAD));
-  for (int k = 0; k < SLIDE_ROWS * TLED_LANES * 3 / 2; k += LINE_REALS) prefetch_to_second(lanes + k);
+INLINE void next_rows(SlidingRows* s, int place, int end) {
+  s->place = place;
+  s->end = end;
+  s->block = place < end ? s->arrays->heads[place * SLIDE_HEAD + HEAD_BLOCK] : -1;
 }
-#else
+
+// What a row reads that comes SLIDE_AHEAD later, and the head of one that comes as much later again.
 INLINE void fetch_row_ahead(const SlideArrays* arrays, int place) {
   __global const int* head = arrays->heads + place * SLIDE_HEAD;
   __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
@@ -39,10 +41,6 @@ INLINE void fetch_row_ahead(const SlideArrays* arrays, int place) {
       prefetch_line(region + k);
   }
 }
-INLINE void fetch_ahead(const SlideArrays* arrays, int first, int count) {
-  for (int row = 0; row < count; ++row) fetch_row_ahead(arrays, first + row + SLIDE_AHEAD);
-}
-#endif
 
 INLINE Point node_at(__global const real* u, const SlideRow* row, int lane) {
   __global const real* at = u + row->dof + lane;
@@ -50,96 +48,103 @@ INLINE Point node_at(__global const real* u, const SlideRow* row, int lane) {
   return p;
 }
 
-// Looks at all whose zones are there, and puts their rows back.
-INLINE void look_at_nodes(const SlideArrays* arrays, const SlideSurfaces* surfaces, const SlidingQueue* q,
-                          __global real* u_next) {
-  FirstZone first[SLIDING_WAIT];
-  for (int i = 0; i < q->n_zones; ++i) {
-    const int lane = q->zones[i].lane;
-    const SlideRow row = row_of(arrays, q->zones[i].place, 0);
-    first[i] = first_zone(surfaces, row.records + lane * RECORD_REALS, node_at(u_next, &row, lane));
-  }
-  for (int i = 0; i < q->n_zones; ++i) {
-    const int lane = q->zones[i].lane;
-    const SlideRow row = row_of(arrays, q->zones[i].place, 0);
-    SlideNode node;
-    if (!name_node(&row, lane, &node)) continue;
-    const int round = look_from(first[i], surfaces, &node, node_at(u_next, &row, lane));
-    *row.shape = shape_with(*row.shape, lane, round);
-  }
-  for (int i = 0; i < q->n_zones; ++i) {
-    const int place = q->zones[i].place;
-    if (i + 1 < q->n_zones && q->zones[i + 1].place == place) continue;
-    const SlideRow row = row_of(arrays, place, 0);
-    const Points u = lanes_of(u_next + row.dof);
-    store_points(moved_back(way_back(plane_of(row.rows), row.regions, *row.shape, u), u),
-                 u_next + row.dof);
+// Looks at all nodes whose zones are there, some beside each other, and puts their rows back.
+typedef struct {
+  int place, lane;
+  FirstZone first;
+} LookedAt;
+INLINE void look_at_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, const SlidingQueue* q,
+                         __global real* u_next) {
+  LookedAt nodes[2 * TLED_LANES];
+  for (int begin = 0, end = 0; begin < q->n_zones; begin = end) {
+    int count = 0;
+    for (; end < q->n_zones && count <= TLED_LANES; ++end) {
+      const int place = q->zones[end].place;
+      const SlideRow row = row_of(arrays, place, 0);
+      for (int left = q->zones[end].left; left; left &= left - 1) {
+        const int lane = lowest_bit(left);
+        nodes[count].place = place;
+        nodes[count].lane = lane;
+        nodes[count++].first =
+            first_zone(surfaces, row.records + lane * RECORD_REALS, node_at(u_next, &row, lane));
+      }
+    }
+    for (int i = 0; i < count; ++i) {
+      const int lane = nodes[i].lane;
+      const SlideRow row = row_of(arrays, nodes[i].place, 0);
+      SlideNode node;
+      if (!name_node(&row, lane, &node)) continue;
+      const int round = look_from(nodes[i].first, surfaces, &node, node_at(u_next, &row, lane));
+      *row.shape = shape_with(*row.shape, lane, round);
+    }
+    for (int i = begin; i < end; ++i) {
+      const SlideRow row = row_of(arrays, q->zones[i].place, 0);
+      const Points u = lanes_of(u_next + row.dof);
+      store_points(moved_back(way_back(plane_of(row.rows), row.regions, *row.shape, u), u),
+                   u_next + row.dof);
+    }
   }
 }
 
 // One step on for all that wait.
 OUT_OF_LINE void advance_queue(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
                                __global real* u_next) {
-  look_at_nodes(arrays, surfaces, q, u_next);
+  look_at_rows(arrays, surfaces, q, u_next);
   for (int i = 0; i < q->n_records; ++i) {
-    const WaitingNode node = q->zones[i] = q->records[i];
-    const SlideRow row = row_of(arrays, node.place, 0);
-    fetch_zone(&row, surfaces, node.lane, node_at(u_next, &row, node.lane));
+    const WaitingRow waiting = q->zones[i] = q->records[i];
+    const SlideRow row = row_of(arrays, waiting.place, 0);
+    for (int left = waiting.left; left; left &= left - 1)
+      fetch_zone(&row, surfaces, lowest_bit(left), node_at(u_next, &row, lowest_bit(left)));
   }
   q->n_zones = q->n_records;
   q->n_records = 0;
 }
 
-// Of a row whose lanes `left` are to be looked at; 0: there is no room.
-INLINE int wait_for_look(const SlideArrays* arrays, SlidingQueue* q, int place, int left) {
-  int count = q->n_records;
-  for (int lanes = left; lanes; lanes &= lanes - 1) {
-    if (count == SLIDING_WAIT) return 0;
-    const WaitingNode node = {place, lowest_bit(lanes)};
-    prefetch_line(arrays->records + ((long)place * TLED_LANES + node.lane) * RECORD_REALS);
-    q->records[count++] = node;
+// Puts the nodes of a finished block back, which are the next row, or has them wait for a look. There is room
+// for them, and no call here: what the row kernel holds in vectors would have to be given up for it.
+INLINE void put_row_back(SlidingRows* s, __global real* u_next) {
+  const int place = s->place;
+  const SlideArrays* arrays = s->arrays;
+  __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
+  __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
+  __global real* nodes = u_next + (long)s->block * (3 * TLED_LANES);
+  fetch_row_ahead(arrays, place + SLIDE_AHEAD);
+  const Points u = lanes_of(nodes);
+  const int left = lanes_that_left(ball_of(lanes), u);
+  if (!left) {
+    const int shape = arrays->heads[place * SLIDE_HEAD + HEAD_SHAPE];
+    store_points(moved_back(way_back(plane_of(lanes), region, shape, u), u), nodes);
+  } else {
+    const WaitingRow waiting = {place, left};
+    s->queue->records[s->queue->n_records++] = waiting;
+    for (int bits = left; bits; bits &= bits - 1)
+      prefetch_line(arrays->records + ((long)place * TLED_LANES + lowest_bit(bits)) * RECORD_REALS);
   }
-  q->n_records = count;
-  return 1;
+  next_rows(s, place + 1, s->end);
 }
 
-// Puts rows back, or has their nodes wait for a look; first, one step on for those that wait.
-OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
-                               FinishedRows rows, __global real* u_next) {
-  if (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);
-  for (int place = rows.begin; place < rows.end; ++place) {
-    __global const int* head = arrays->heads + place * SLIDE_HEAD;
-    __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
-    __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
-    __global real* nodes = u_next + (long)head[HEAD_BLOCK] * (3 * TLED_LANES);
-    const Points u = lanes_of(nodes);
-    const int left = lanes_that_left(ball_of(lanes), u);
-    if (!left) {
-      store_points(moved_back(way_back(plane_of(lanes), region, head[HEAD_SHAPE], u), u), nodes);
-    } else if (!wait_for_look(arrays, q, place, left)) {
-      const SlideRow row = row_of(arrays, place, 0);
-      slide_row(&row, surfaces, u_next, 0, 0, 0, 0);
-    }
-  }
+// Before a row of blocks that has `count` rows of sliding nodes from `first` on: there is room for them in the
+// queue, or, of more than it holds, they are left for later.
+INLINE void begin_rows(SlidingRows* s, int first, int count, __global real* u_next) {
+  SlidingQueue* q = s->queue;
+  if (q->n_records >= SLIDING_ENOUGH || q->n_records + count > SLIDING_WAIT)
+    advance_queue(s->arrays, s->surfaces, q, u_next);
+  next_rows(s, first, count <= SLIDING_WAIT ? first + count : first);
 }
 
-// A row of blocks is finished that has `count` rows of sliding nodes from `first` on; `rows`: those that
-// were not back before. The result: those that are not yet.
-INLINE FinishedRows finish_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces,
-                                SlidingQueue* q, FinishedRows rows, int first, int count,
-                                __global real* u_next) {
-  fetch_ahead(arrays, first, count);
-  if (count == 0) return rows;
-  if (first != rows.end || first + count > rows.begin + SLIDE_AHEAD) {
-    put_rows_back(arrays, surfaces, q, rows, u_next);
-    rows.begin = first;
+// After it.
+OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* surfaces, int begin, int end,
+                               __global real* u_next) {
+  for (int place = begin; place < end; ++place) {
+    const SlideRow row = row_of(arrays, place, 0);
+    slide_row(&row, surfaces, u_next, 0, 0, 0, 0);
   }
-  rows.end = first + count;
-  return rows;
+}
+INLINE void end_rows(SlidingRows* s, int first, int count, __global real* u_next) {
+  if (count > SLIDING_WAIT) put_rows_back(s->arrays, s->surfaces, first, first + count, u_next);
 }
 
-INLINE void finish_queue(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
-                         FinishedRows rows, __global real* u_next) {
-  put_rows_back(arrays, surfaces, q, rows, u_next);
-  while (q->n_zones || q->n_records) advance_queue(arrays, surfaces, q, u_next);
+INLINE void finish_queue(SlidingRows* s, __global real* u_next) {
+  while (s->queue->n_zones || s->queue->n_records)
+    advance_queue(s->arrays, s->surfaces, s->queue, u_next);
 }

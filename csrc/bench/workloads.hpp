@@ -29,7 +29,7 @@ const std::vector<std::string>& workload_names();
 // The workload's own number of elements; where it is this large, a measurement takes minutes.
 std::size_t workload_elements(const std::string& name);
 
-// flat-block: 120 x 120 x 9, the demo's. face: 330 x 330 columns of 4.6 voxels on a bone, the
+// flat-block: 120 x 120 x 9, the demo's. face: 325 x 325 columns of 4.76 voxels on a bone, the
 // paper's forehead. armadillo: a figure under gravity. dense-block, slab: the flat block's layers
 // on deep and on 16 voxels thick tissue. sparse-shell: a vault of columns of five voxels, its rim
 // held. elements: about how many instead of the workload's own, of the same thickness; 0: its own.

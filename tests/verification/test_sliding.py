@@ -347,6 +347,35 @@ def test_kernels_of_a_step_put_nodes_back_as_a_pass_of_its_own_does(executor, na
     assert np.abs(reactions[0] - reactions[1]).max() < 10 * allowed
 
 
+@pytest.mark.parametrize("in_a_column", [32, 36])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_columns_with_all_sliding_nodes_that_may_wait_or_more(figure, in_a_column, precision):
+    """Whichever way the row kernel's columns stand, they stand along two of three walls."""
+    off = 3  # away from where two walls are as near
+    n = in_a_column + off - 1
+    block = tf.Model.block((n, n, n), (n * H, n * H, n * H), soft(30e3, 0.45))
+    at = np.sort(block.node_ijk, axis=1)
+    on_a_wall = (at[:, 0] == 0) & (at[:, 1] >= off)
+    walls = trimesh.creation.box((n * H + 8e-3,) * 3)
+    walls.apply_translation((n * H / 2 + 3.7e-3,) * 3)
+    walls.invert()
+    kept = block.slide(on_a_wall, walls)
+    sim = tf.Simulator(block, device="native", precision=precision)
+    assert sim._core.fuses_sliding
+    velocity = np.full((block.n_nodes, 3), -1.0)
+    sim.set_state(np.zeros_like(velocity), velocity)
+    sim.step(10)
+    x = (block.nodes + sim.u)[on_a_wall]
+    squares, _ = _core.brute_force_nearest(walls.vertices, walls.faces, x)
+    worst = abs(np.sqrt(squares) - abs(kept)).max() / H
+    figure(
+        f"{precision}: error of the distance over the voxel",
+        worst,
+        at_most=1e-4 if precision == "single" else 1e-9,
+    )
+    assert abs(sim.u[~on_a_wall]).max() > 0.1 * H
+
+
 def test_restart_goes_on_bit_for_bit(executor, tmp_path):
     surface, height = SURFACES["box"]
     model, lower = tissue(height)
@@ -496,5 +525,5 @@ def test_few_nodes_are_looked_at_and_nearly_all_have_a_zone(figure):
         without += (zones < 0).mean() / steps
         before = ball
     assert looks > 0
-    figure("looks a step over nodes", looks / steps / len(zones), at_most=0.015)
+    figure("looks a step over nodes", looks / steps / len(zones), at_most=0.009)
     figure("nodes in no zone over nodes", without, at_most=0.0005)
