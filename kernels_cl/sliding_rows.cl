@@ -48,11 +48,12 @@ INLINE Point node_at(__global const real* u, const SlideRow* row, int lane) {
   return p;
 }
 
-// Looks at all nodes whose zones are there, some beside each other, and puts their rows back.
 typedef struct {
   int place, lane;
   FirstZone first;
 } LookedAt;
+
+// Looks at all nodes whose zones are there, those of a few rows beside each other, and puts the rows back.
 INLINE void look_at_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, const SlidingQueue* q,
                          __global real* u_next) {
   LookedAt nodes[2 * TLED_LANES];
@@ -132,7 +133,7 @@ INLINE void begin_rows(SlidingRows* s, int first, int count, __global real* u_ne
   next_rows(s, first, count <= SLIDING_WAIT ? first + count : first);
 }
 
-// After it.
+// Rows of a row of blocks that has more of them than may wait, behind it.
 OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* surfaces, int begin, int end,
                                __global real* u_next) {
   for (int place = begin; place < end; ++place) {
