@@ -142,11 +142,9 @@ INLINE real element_weight(ElementTables t, __global const int* links, const int
 // `high`, the first *n_faces of which are there already. Where it pays (LOADS_AHEAD) the face above
 // the next block is loaded into `low` before this block's forces are dealt out: the next one's long
 // chain of sums and products then begins while these are waited for. `high` is the next block's `low`.
-// sliding: 0 where no nodes are put back here.
 INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int flags, Face* low,
-                          Face* high, Face* carried, int* n_faces, SlidingRows* sliding,
-                          const int physical, const int cube, const int forces_only,
-                          const int has_levels) {
+                          Face* high, Face* carried, int* n_faces, const int physical,
+                          const int cube, const int forces_only, const int has_levels) {
   __global const int* links = t.blocks + (long)block * TLED_BLOCK_INTS;
   const RowNodes nodes = row_nodes(t, a, links, block, flags, has_levels);
   const real weight = element_weight(t, links, has_levels);
@@ -174,7 +172,6 @@ INLINE void process_block(ElementTables t, RowArrays a, int block, int end, int 
     *n_faces = 0;
   }
   store_last(next_x, next_y, next_z, nodes.to_right);
-  if (sliding && block == sliding->block) put_row_back(sliding, a.out);
 }
 
 // Which rows there are, and the bands they are dealt to (layout.cl).
@@ -199,8 +196,8 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                           : 0;
   SlidingQueue queue;
   queue.n_zones = queue.n_records = 0;
-  SlidingRows rows = {slides, surfaces, &queue, 0, 0, -1};
-  SlidingRows* sliding = slides ? &rows : 0;
+  const SlidingRows rows = {slides, surfaces, &queue};
+  const SlidingRows* sliding = slides ? &rows : 0;  // 0: no nodes are put back here
   const int begin_cell = table.bands[2 * band], end_cell = table.bands[2 * band + 1];
   // Whose elements have nodes in the band: the rows behind its first one's neighbour in the chunk before.
   const int from_cell = begin_cell > table.n_y ? begin_cell - table.n_y - 1 : 0;
@@ -219,22 +216,20 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
       __global const int* row = table.rows + TLED_RUN * i;
       const int begin = row[RUN_BLOCK], end = begin + row[RUN_BLOCKS];
       const int flags = (i < own ? ROW_SEED : 0) | gravity;
-      const int first = row[RUN_SLIDING], count = sliding && i >= own ? row[RUN_SLIDING_COUNT] : 0;
-      if (sliding) begin_rows(sliding, first, count, out);
       int n_faces = 0;
       clear_face(&carried);
       for (int block = begin; block < end; ++block) {
-        process_block(t, arrays, block, end, flags, &one, &other, &carried, &n_faces, sliding, physical,
-                      cube, forces_only, has_levels);
+        process_block(t, arrays, block, end, flags, &one, &other, &carried, &n_faces, physical, cube,
+                      forces_only, has_levels);
 #if LOADS_AHEAD
         if (++block == end) break;
-        process_block(t, arrays, block, end, flags, &other, &one, &carried, &n_faces, sliding, physical,
-                      cube, forces_only, has_levels);
+        process_block(t, arrays, block, end, flags, &other, &one, &carried, &n_faces, physical, cube,
+                      forces_only, has_levels);
 #else
         one = other;
 #endif
       }
-      if (sliding) end_rows(sliding, first, count, out);
+      if (sliding && i >= own) put_rows_back(sliding, row[RUN_SLIDING], row[RUN_SLIDING_COUNT], out);
     }
   }
   if (sliding) finish_queue(sliding, out);

@@ -111,21 +111,25 @@ INLINE void fetch_nodes(const SlideRow* row, __global const real* u) {
   for (int k = 0; k < 3 * TLED_LANES; k += LINE_REALS) prefetch_line(u + row->dof + k);
   prefetch_line(u + row->dof + 3 * TLED_LANES - 1);
 }
-// The zone that a look at a node at displacement u tries first; where it has none, its candidates.
-INLINE void fetch_zone(const SlideRow* row, const SlideSurfaces* s, int lane, Point u) {
-  __global const real* record = row->records + lane * RECORD_REALS;
-  const int zone = zone_to_try(record, place_of(record, u));
-  if (zone >= 0) {
+// The zone that a look at a node at displacement u tries first is on its way, or, where there is none, are its
+// candidates; the zone, -1.
+INLINE int fetch_zone(const SlideArrays* arrays, const SlideSurfaces* s, int place, Point u) {
+  __global const real* record = arrays->records + (long)place * RECORD_REALS;
+  const real zone = zone_to_try(record, place_of(record, u));
+  if (zone >= R(0.0)) {
     __global const real* in = s->zones + (long)zone * ZONE_UNIT;
     for (int k = 0; k < ZONE_BORDERS + ZONE_GROUP_REALS; k += LINE_REALS) prefetch_to_read(in + k);
+    if (zone != (real)(int)zone)
+      for (int k = ZONE_BORDERS + ZONE_GROUP_REALS; k < ZONE_BORDERS + 2 * ZONE_GROUP_REALS; k += LINE_REALS)
+        prefetch_to_read(in + k);
   } else {
-    prefetch_line(record + LINE_REALS);
-    __global const real* reals = row->candidate_reals + lane * SLIDE_CANDIDATE_REALS;
-    __global const int* candidates = row->candidates + lane * SLIDE_CANDIDATES;
-    prefetch_line(reals);
+    __global const real* reals = arrays->candidate_reals + (long)place * SLIDE_CANDIDATE_REALS;
+    __global const int* candidates = arrays->candidates + (long)place * SLIDE_CANDIDATES;
+    for (int k = 0; k < SLIDE_CANDIDATE_REALS; k += LINE_REALS) prefetch_line(reals + k);
     prefetch_line((__global const real*)candidates);
     prefetch_line((__global const real*)(candidates + LINE_REALS));
   }
+  return (int)zone;
 }
 #endif
 

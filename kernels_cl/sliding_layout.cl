@@ -18,18 +18,17 @@
 #define REGION_DISTANCE 8  // to keep, m, negative behind the surface
 #define REGION_PLACE 9     // 3: reference position
 
-// slide_records[node * RECORD_REALS + ...]: what a look at one node reads, in a line or two of the cache.
-#define RECORD_REALS 32
+// slide_records[node * RECORD_REALS + ...]: what a look at one node reads, in a line of the cache: looks lie so
+// far apart that each finds its page unknown, and a second line may be on another.
+#define RECORD_REALS 16
 #define RECORD_PLACE 0     // 3: as REGION_PLACE
 #define RECORD_DISTANCE 3  // as REGION_DISTANCE
-#define RECORD_NEXT 4      // zone behind the border of its zone that it is nearest to; -1: none
+#define RECORD_NEXT 4      // zone behind the border of its zone that it is nearest to, as ZONE_MORE; -1: none
 #define RECORD_EXIT 5      // 4: that border
 #define RECORD_ANCHOR 9    // 3: displacement when level 3 was last run, m
 #define RECORD_RADIUS 12   // of the region's ball, m
-#define RECORD_ZONE 13     // where it was last; -1: in none, the region is its own
+#define RECORD_ZONE 13     // where it was last, as ZONE_MORE; -1: in none, the region is its own
 #define RECORD_SURFACE 14  // 8 times the surface and bits: 1 x may move, 2 y, 4 z; -1: no node here
-#define RECORD_BORDERS 16  // 4 * REGION_MOST_BORDERS: unit normals of borders, outward, and limits, m
-#define REGION_MOST_BORDERS 4
 
 // slide_heads[row of nodes * SLIDE_HEAD + ...], where rows are vectors; behind the last SLIDE_AHEAD of
 // nothing, for those who look ahead.
@@ -60,10 +59,13 @@
 
 // Per node: candidates[node * SLIDE_CANDIDATES + ...], number first, by distance when level 4 was last
 // run; candidate_reals[node * SLIDE_CANDIDATE_REALS + ...]: position then, the radius within which
-// they are enough, and their distances.
+// they are enough, their distances, and of the node's own region unit normals of borders, outward, and
+// limits, m.
 #define SLIDE_MOST 20
 #define SLIDE_CANDIDATES (SLIDE_MOST + 1)
-#define SLIDE_CANDIDATE_REALS (SLIDE_MOST + 4)
+#define CANDIDATE_BORDERS (SLIDE_MOST + 4)
+#define REGION_MOST_BORDERS 4
+#define SLIDE_CANDIDATE_REALS (CANDIDATE_BORDERS + 4 * REGION_MOST_BORDERS)
 
 // triangles[triangle * TRIANGLE_REALS + ...]
 #define TRIANGLE_REALS 34
@@ -81,8 +83,11 @@
 #define ZONE_ON 2         // 3: a corner of the face, an end of the edge, the corner
 #define ZONE_DIRECTION 5  // 3: normal of the face, direction of the edge, of a corner 0
 #define ZONE_BORDERS 8    // groups of ZONE_GROUP borders, each of ZONE_BORDER_REALS rows:
-#define ZONE_BORDER_REALS 5  // unit normal, outward; limit, m; number of the zone behind, -1: none is known
+#define ZONE_BORDER_REALS 5  // unit normal, outward; limit, m; the zone behind, as ZONE_MORE, -1: none is known
 #define ZONE_GROUP 8
+// Where a zone is named by a real that is its number and so much more it has more than one group of borders, so
+// that all of it can be fetched before any of it is there.
+#define ZONE_MORE 0.5
 #define ZONE_GROUP_REALS (ZONE_GROUP * ZONE_BORDER_REALS)
 #define ZONE_MOST_BORDERS 16
 // Where the first real of border k stands; the others follow ZONE_GROUP apart. Places of a group without

@@ -2,11 +2,12 @@
 // ball.
 
 // How far a node is in its own region; not above 0 outside.
-INLINE real left_in_region(__global const real* record, Point u) {
+INLINE real left_in_region(const SlideNode* node, Point u) {
+  __global const real* record = node->record;
   const Point way = minus(u, point_at(record + RECORD_ANCHOR));
   real left = record[RECORD_RADIUS] - square_root_of(inner(way, way));
   for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    __global const real* border = record + RECORD_BORDERS + 4 * k;
+    __global const real* border = node->candidate_reals + CANDIDATE_BORDERS + 4 * k;
     const real to = border[3] - inner(point_at(border), u);
     left = to < left ? to : left;
   }
@@ -21,7 +22,7 @@ INLINE int is_lost(Point p) { return !(inner(p, p) < LOST * LOST); }
 INLINE void write_look(const SlideSurfaces* s, const SlideNode* node, Point u, Point p, int now,
                        int nearest, real left, real ball) {
   __global real* record = node->record;
-  record[RECORD_ZONE] = (real)now;
+  record[RECORD_ZONE] = now < 0 ? R(-1.0) : zone_name(s, now);
   Point middle = u;
   if (now >= 0) {
     __global const real* zone = s->zones + (long)now * ZONE_UNIT;
@@ -63,9 +64,9 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
   if (is_lost(p)) return 0;
   const int before = (int)record[RECORD_ZONE];
   real left = R(0.0);
-  int nearest = 0, now = zone_of(s, zone_to_try(record, p), p, node->free, &left, &nearest);
+  int nearest = 0, now = zone_of(s, (int)zone_to_try(record, p), p, node->free, &left, &nearest);
   if (now >= 0) return keep_in_zone(s, node, u, p, now, nearest, left);
-  left = before < 0 ? left_in_region(record, u) : R(0.0);
+  left = before < 0 ? left_in_region(node, u) : R(0.0);
   int round = node->row_shape >> (node->lane + 1) & 1;
   if (!(left > R(0.0))) round = find_surface(s, node, u, p, &now, &left, &nearest);
   const real ball =
@@ -75,17 +76,16 @@ OUT_OF_LINE int look_at_node(const SlideSurfaces* s, const SlideNode* node, Poin
 }
 
 // The same in two parts, so that several nodes go through each one after the other: what one look waits
-// for is then worked out beside the next. First how far the zone holds that is tried first.
+// for is then worked out beside the next. First how far the zone holds that is tried first (zone_to_try); -1:
+// there is none.
 typedef struct {
   int zone, nearest;
   real left;
 } FirstZone;
-INLINE FirstZone first_zone(const SlideSurfaces* s, __global const real* record, Point u) {
-  FirstZone first = {-1, 0, R(0.0)};
+INLINE FirstZone first_zone(const SlideSurfaces* s, int zone, __global const real* record, Point u) {
+  FirstZone first = {zone, 0, R(0.0)};
   const Point p = place_of(record, u);
-  first.zone = zone_to_try(record, p);
-  if (first.zone >= 0)
-    first.left = left_in_zone(s->zones + (long)first.zone * ZONE_UNIT, p, &first.nearest);
+  if (zone >= 0) first.left = left_in_zone(s->zones + (long)zone * ZONE_UNIT, p, &first.nearest);
   return first;
 }
 INLINE int look_from(FirstZone first, const SlideSurfaces* s, const SlideNode* node, Point u) {

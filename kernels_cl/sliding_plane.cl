@@ -27,9 +27,20 @@ INLINE Plane plane_of(__global const real* lanes) {
 }
 
 // Nodes of a row that are no longer where its surfaces are known to hold: lanes, as bits.
-INLINE int lanes_that_left(Ball ball, Points seen) {
+INLINE realv square_from(Ball ball, Points seen) {
   const Points way = {seen.x - ball.seen.x, seen.y - ball.seen.y, seen.z - ball.seen.z};
-  return lanes_not_below(lanes_inner(way, way), ball.slack * ball.slack);
+  return lanes_inner(way, way);
+}
+INLINE int lanes_that_left(Ball ball, Points seen) {
+  return lanes_not_below(square_from(ball, seen), ball.slack * ball.slack);
+}
+// `to` of those that are still there; the others as they are.
+INLINE Points points_within(Ball ball, Points seen, Points to) {
+  const realv square = square_from(ball, seen), most = ball.slack * ball.slack;
+  to.x = square < most ? to.x : seen.x;
+  to.y = square < most ? to.y : seen.y;
+  to.z = square < most ? to.z : seen.z;
+  return to;
 }
 
 // How far off their distance nodes are, which way is back, and the unit normal.

@@ -126,7 +126,7 @@ INLINE Found nearest_candidate(const SlideSurfaces* s, const SlideNode* node, Po
 
 // The region of a node's own about a foot: the largest ball in that of find_surface, which has borders
 // besides; a look costs less here than to find them. The result, how far that holds, is item 0's.
-INLINE real own_ball_together(const Foot* foot, Point u, __global real* record, const Found* found,
+INLINE real own_ball_together(const Foot* foot, Point u, const SlideNode* node, const Found* found,
                               __local Together* w, int item) {
   __global const real* other = found->other;
   real hold = NO_BORDER, ball = foot->lasts ? found->reach : R(0.0);
@@ -143,9 +143,9 @@ INLINE real own_ball_together(const Foot* foot, Point u, __global real* record, 
     if (n_borders > 1 && two.distance < hold) hold = two.distance;
   }
   w->hold[item] = hold;
-  full_barrier();  // all have read the record
+  full_barrier();  // all have read what is known
   if (item < 4 * REGION_MOST_BORDERS)  // none
-    record[RECORD_BORDERS + item] = item % 4 == 3 ? R(1.0) : R(0.0);
+    node->candidate_reals[CANDIDATE_BORDERS + item] = item % 4 == 3 ? R(1.0) : R(0.0);
   if (foot->feature) ball = foot->distance < ball ? foot->distance : ball;
   if (foot->feature && foot->feature < 4) {
     const real end = foot->length - foot->at;
@@ -155,7 +155,7 @@ INLINE real own_ball_together(const Foot* foot, Point u, __global real* record, 
   if (item > 0) return R(0.0);
 #pragma unroll 4
   for (int k = 0; k < SLIDE_MOST; ++k) ball = w->hold[k] < ball ? w->hold[k] : ball;
-  return write_region_ball(ball, foot, u, record);
+  return write_region_ball(ball, foot, u, node->record);
 }
 
 // As look_at_node and find_surface; what is written is item 0's to write. Each part stands here once: few
@@ -176,7 +176,7 @@ INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
   for (;;) {
     now = zone_together(s, zone, guess, p, node->free, w, item, &left, &nearest);
     if (now >= 0 || sought) break;
-    left = before < 0 ? left_in_region(record, u) : R(0.0);
+    left = before < 0 ? left_in_region(node, u) : R(0.0);
     if (left > R(0.0)) break;
     found = nearest_candidate(s, node, p, w, item);
     sought = 1;
@@ -195,7 +195,7 @@ INLINE int look_together(const SlideSurfaces* s, const SlideNode* node, Point u,
     Foot foot;
     find_foot(s->triangles + (long)found.face * TRIANGLE_REALS, found.nearest, p,
               square_root_of(found.nearest.square), node->free, &foot);
-    left = own_ball_together(&foot, u, record, &found, w, item);
+    left = own_ball_together(&foot, u, node, &found, w, item);
     shape = shape_of_foot(&foot);
     round = foot.round != R(0.0);
   }

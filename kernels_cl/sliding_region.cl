@@ -306,10 +306,10 @@ INLINE real write_region_ball(real ball, const Foot* foot, Point u, __global rea
 }
 
 // And its borders; how far the region holds.
-INLINE real write_region(const Region* region, const Foot* foot, Point u, __global real* record) {
-  real slack = write_region_ball(region->ball, foot, u, record);
+INLINE real write_region(const Region* region, const Foot* foot, Point u, const SlideNode* node) {
+  real slack = write_region_ball(region->ball, foot, u, node->record);
   for (int k = 0; k < REGION_MOST_BORDERS; ++k) {
-    __global real* border = record + RECORD_BORDERS + 4 * k;
+    __global real* border = node->candidate_reals + CANDIDATE_BORDERS + 4 * k;
     const int is = region->within[k] < NO_BORDER;
     const real within = is ? R(0.98) * region->within[k] - foot->flat : R(1.0);
     const Point out = region->outward[k];
@@ -408,7 +408,7 @@ OUT_OF_LINE int find_surface(const SlideSurfaces* s, const SlideNode* node, Poin
     take(&region, held_by(&foot, other, there, best.feature == 0 ? closest_on_triangle(other, p).at : p,
                           hold, n_beside == 2 ? beside[0] : 0, beside[1]));
   }
-  *left = write_region(&region, &foot, u, node->record);
+  *left = write_region(&region, &foot, u, node);
   write_node_shape(node, shape_of_foot(&foot));
   return foot.round != R(0.0);
 }

@@ -1,32 +1,25 @@
-// Row kernels put sliding nodes back themselves, as soon as a block's are done: those of surfaces that
-// stand still, without laws and without other conditions on them (csrc/sim/sliding). Rows with nodes that
-// have to be looked at wait while what that reads is fetched: first what is known of the nodes that left their
-// balls, the next time that the queue is gone through their zones, then they are looked at.
+// Row kernels put sliding nodes back themselves, as soon as a row of blocks is done: those of surfaces that
+// stand still, without laws and without other conditions on them (csrc/sim/sliding). Nodes that have to be
+// looked at wait while what that reads is fetched: first what is known of them, the next time that the queue
+// is gone through their zones, then they are looked at.
 
-// Rows that may wait in each of the two queues; and how many do in the first when it is gone through: the more,
-// the less of them is still in a near cache.
-#define SLIDING_WAIT 32
+// Nodes that may wait in each of the two queues, no fewer than a row has (room for many more costs: it is in the
+// near cache as well); and how many do in the first when it is gone through.
+#define SLIDING_WAIT (2 * TLED_LANES)
 #define SLIDING_ENOUGH 2
-typedef struct { int place, left; } WaitingRow;  // left: lanes that left their balls, as bits
+// place: row of nodes * TLED_LANES + lane; dof: of its x component in u; zone: that is tried first, -1: none.
+typedef struct { int place, dof, zone; } WaitingNode;
 typedef struct {
   int n_records, n_zones;
-  WaitingRow records[SLIDING_WAIT], zones[SLIDING_WAIT];
+  WaitingNode records[SLIDING_WAIT], zones[SLIDING_WAIT];
 } SlidingQueue;
 
-// A band's sliding nodes. place, end: the rows of them that the row of blocks has which are not back yet;
-// block: whose the first is, -1: there is none.
+// A band's sliding nodes.
 typedef struct {
   const SlideArrays* arrays;
   const SlideSurfaces* surfaces;
   SlidingQueue* queue;
-  int place, end, block;
 } SlidingRows;
-
-INLINE void next_rows(SlidingRows* s, int place, int end) {
-  s->place = place;
-  s->end = end;
-  s->block = place < end ? s->arrays->heads[place * SLIDE_HEAD + HEAD_BLOCK] : -1;
-}
 
 // What a row reads that comes SLIDE_AHEAD later, and the head of one that comes as much later again.
 INLINE void fetch_row_ahead(const SlideArrays* arrays, int place) {
@@ -42,47 +35,53 @@ INLINE void fetch_row_ahead(const SlideArrays* arrays, int place) {
   }
 }
 
-INLINE Point node_at(__global const real* u, const SlideRow* row, int lane) {
-  __global const real* at = u + row->dof + lane;
+INLINE Point lane_at(__global const real* at) {
   const Point p = {at[0], at[TLED_LANES], at[2 * TLED_LANES]};
   return p;
 }
 
-typedef struct {
-  int place, lane;
-  FirstZone first;
-} LookedAt;
+// Moves a node that was looked at to its distance: way_back and moved_back of one lane.
+INLINE void put_node_back(const SlideNode* node, int round, Point u, __global real* at) {
+  __global const real *plane = node->rows + SLIDE_NORMAL * TLED_LANES, *region = node->region;
+  const Point n = lane_at(plane);
+  const real target = plane[3 * TLED_LANES];
+  Point back = n;
+  real off = target - inner(n, u);
+  if (round) {
+    const Point q = minus(u, lane_at(region + REGION_ON * TLED_LANES)), out = plus_scaled(q, -inner(n, q), n);
+    const real side = region[REGION_ROUND * TLED_LANES], length = square_root_of(inner(out, out));
+    off = target - side * length;
+    back = times(side / length, out);
+  } else if (node->row_shape & 1) {
+    back = lane_at(region + REGION_ALONG * TLED_LANES);
+  }
+  at[0] = u.x + off * back.x;
+  at[TLED_LANES] = u.y + off * back.y;
+  at[2 * TLED_LANES] = u.z + off * back.z;
+}
 
-// Looks at all nodes whose zones are there, those of a few rows beside each other, and puts the rows back.
-INLINE void look_at_rows(const SlideArrays* arrays, const SlideSurfaces* surfaces, const SlidingQueue* q,
-                         __global real* u_next) {
-  LookedAt nodes[2 * TLED_LANES];
-  for (int begin = 0, end = 0; begin < q->n_zones; begin = end) {
-    int count = 0;
-    for (; end < q->n_zones && count <= TLED_LANES; ++end) {
-      const int place = q->zones[end].place;
-      const SlideRow row = row_of(arrays, place, 0);
-      for (int left = q->zones[end].left; left; left &= left - 1) {
-        const int lane = lowest_bit(left);
-        nodes[count].place = place;
-        nodes[count].lane = lane;
-        nodes[count++].first =
-            first_zone(surfaces, row.records + lane * RECORD_REALS, node_at(u_next, &row, lane));
-      }
-    }
-    for (int i = 0; i < count; ++i) {
-      const int lane = nodes[i].lane;
-      const SlideRow row = row_of(arrays, nodes[i].place, 0);
-      SlideNode node;
-      if (!name_node(&row, lane, &node)) continue;
-      const int round = look_from(nodes[i].first, surfaces, &node, node_at(u_next, &row, lane));
-      *row.shape = shape_with(*row.shape, lane, round);
+// Looks at all nodes whose zones are there, a few beside each other, and puts them back.
+INLINE void look_at_nodes(const SlideArrays* arrays, const SlideSurfaces* surfaces, const SlidingQueue* q,
+                          __global real* u_next) {
+  FirstZone first[TLED_LANES];
+  for (int begin = 0; begin < q->n_zones; begin += TLED_LANES) {
+    const int end = q->n_zones < begin + TLED_LANES ? q->n_zones : begin + TLED_LANES;
+    for (int i = begin; i < end; ++i) {
+      const WaitingNode waiting = q->zones[i];
+      __global const real* record = arrays->records + (long)waiting.place * RECORD_REALS;
+      first[i - begin] = first_zone(surfaces, waiting.zone, record, lane_at(u_next + waiting.dof));
     }
     for (int i = begin; i < end; ++i) {
-      const SlideRow row = row_of(arrays, q->zones[i].place, 0);
-      const Points u = lanes_of(u_next + row.dof);
-      store_points(moved_back(way_back(plane_of(row.rows), row.regions, *row.shape, u), u),
-                   u_next + row.dof);
+      const WaitingNode waiting = q->zones[i];
+      const int lane = (unsigned)waiting.place % TLED_LANES;
+      const SlideRow row = row_of(arrays, (unsigned)waiting.place / TLED_LANES, 0);
+      SlideNode node;
+      if (!name_node(&row, lane, &node)) continue;
+      __global real* at = u_next + waiting.dof;
+      const Point u = lane_at(at);
+      const int round = look_from(first[i - begin], surfaces, &node, u);
+      *row.shape = shape_with(*row.shape, lane, round);
+      put_node_back(&node, round, u, at);
     }
   }
 }
@@ -90,62 +89,51 @@ INLINE void look_at_rows(const SlideArrays* arrays, const SlideSurfaces* surface
 // One step on for all that wait.
 OUT_OF_LINE void advance_queue(const SlideArrays* arrays, const SlideSurfaces* surfaces, SlidingQueue* q,
                                __global real* u_next) {
-  look_at_rows(arrays, surfaces, q, u_next);
+  look_at_nodes(arrays, surfaces, q, u_next);
   for (int i = 0; i < q->n_records; ++i) {
-    const WaitingRow waiting = q->zones[i] = q->records[i];
-    const SlideRow row = row_of(arrays, waiting.place, 0);
-    for (int left = waiting.left; left; left &= left - 1)
-      fetch_zone(&row, surfaces, lowest_bit(left), node_at(u_next, &row, lowest_bit(left)));
+    WaitingNode waiting = q->records[i];
+    waiting.zone = fetch_zone(arrays, surfaces, waiting.place, lane_at(u_next + waiting.dof));
+    q->zones[i] = waiting;
   }
   q->n_zones = q->n_records;
   q->n_records = 0;
 }
 
-// Puts the nodes of a finished block back, which are the next row, or has them wait for a look. There is room
-// for them, and no call here: what the row kernel holds in vectors would have to be given up for it.
-INLINE void put_row_back(SlidingRows* s, __global real* u_next) {
-  const int place = s->place;
+// Puts the nodes of a row back, but for those that have to be looked at, which wait: there is room for them.
+INLINE void put_row_back(const SlidingRows* s, int place, __global real* u_next) {
   const SlideArrays* arrays = s->arrays;
   __global const real* lanes = arrays->rows + (long)place * (SLIDE_ROWS * TLED_LANES);
   __global const real* region = arrays->regions + (long)place * (REGION_ROWS * TLED_LANES);
-  __global real* nodes = u_next + (long)s->block * (3 * TLED_LANES);
+  const int dof = arrays->heads[place * SLIDE_HEAD + HEAD_BLOCK] * (3 * TLED_LANES);
+  __global real* nodes = u_next + dof;
   fetch_row_ahead(arrays, place + SLIDE_AHEAD);
   const Points u = lanes_of(nodes);
-  const int left = lanes_that_left(ball_of(lanes), u);
-  if (!left) {
-    const int shape = arrays->heads[place * SLIDE_HEAD + HEAD_SHAPE];
-    store_points(moved_back(way_back(plane_of(lanes), region, shape, u), u), nodes);
-  } else {
-    const WaitingRow waiting = {place, left};
-    s->queue->records[s->queue->n_records++] = waiting;
-    for (int bits = left; bits; bits &= bits - 1)
-      prefetch_line(arrays->records + ((long)place * TLED_LANES + lowest_bit(bits)) * RECORD_REALS);
+  const Ball ball = ball_of(lanes);
+  const int left = lanes_that_left(ball, u), shape = arrays->heads[place * SLIDE_HEAD + HEAD_SHAPE];
+  Points back = moved_back(way_back(plane_of(lanes), region, shape, u), u);
+  if (left) {
+    back = points_within(ball, u, back);
+    for (int bits = left; bits; bits &= bits - 1) {
+      const int lane = lowest_bit(bits);
+      const WaitingNode waiting = {place * TLED_LANES + lane, dof + lane, 0};
+      s->queue->records[s->queue->n_records++] = waiting;
+      prefetch_line(arrays->records + (long)waiting.place * RECORD_REALS);
+    }
   }
-  next_rows(s, place + 1, s->end);
+  store_points(back, nodes);
 }
 
-// Before a row of blocks that has `count` rows of sliding nodes from `first` on: there is room for them in the
-// queue, or, of more than it holds, they are left for later.
-INLINE void begin_rows(SlidingRows* s, int first, int count, __global real* u_next) {
+// Behind a row of blocks: puts back its `count` rows of sliding nodes from `first` on.
+INLINE void put_rows_back(const SlidingRows* s, int first, int count, __global real* u_next) {
   SlidingQueue* q = s->queue;
-  if (q->n_records >= SLIDING_ENOUGH || q->n_records + count > SLIDING_WAIT)
-    advance_queue(s->arrays, s->surfaces, q, u_next);
-  next_rows(s, first, count <= SLIDING_WAIT ? first + count : first);
-}
-
-// Rows of a row of blocks that has more of them than may wait, behind it.
-OUT_OF_LINE void put_rows_back(const SlideArrays* arrays, const SlideSurfaces* surfaces, int begin, int end,
-                               __global real* u_next) {
-  for (int place = begin; place < end; ++place) {
-    const SlideRow row = row_of(arrays, place, 0);
-    slide_row(&row, surfaces, u_next, 0, 0, 0, 0);
+  if (q->n_records >= SLIDING_ENOUGH) advance_queue(s->arrays, s->surfaces, q, u_next);
+  for (int place = first; place < first + count; ++place) {
+    if (q->n_records > SLIDING_WAIT - TLED_LANES) advance_queue(s->arrays, s->surfaces, q, u_next);
+    put_row_back(s, place, u_next);
   }
 }
-INLINE void end_rows(SlidingRows* s, int first, int count, __global real* u_next) {
-  if (count > SLIDING_WAIT) put_rows_back(s->arrays, s->surfaces, first, first + count, u_next);
-}
 
-INLINE void finish_queue(SlidingRows* s, __global real* u_next) {
+INLINE void finish_queue(const SlidingRows* s, __global real* u_next) {
   while (s->queue->n_zones || s->queue->n_records)
     advance_queue(s->arrays, s->surfaces, s->queue, u_next);
 }

@@ -32,18 +32,23 @@ INLINE Point border_normal(__global const real* zone, int k) {
   return normal;
 }
 
+// A zone's number and ZONE_MORE, if it has more than one group of borders.
+INLINE real zone_name(const SlideSurfaces* s, int zone) {
+  const real count = s->zones[(long)zone * ZONE_UNIT + ZONE_COUNT];
+  return (real)zone + (count > (real)ZONE_GROUP ? R(ZONE_MORE) : R(0.0));
+}
+
 // Whether that is the end of the way through zones.
 INLINE int stays_in(__global const real* zone, int free) {
   // Held components: on an edge the plane is one for this step alone.
   return free == 7 || zone[ZONE_ROUND] == R(0.0);
 }
 
-// The zone that a node is tried in first: where it was, or behind the border it was nearest to, if it has
-// crossed that.
-INLINE int zone_to_try(__global const real* record, Point p) {
+// The zone, as ZONE_MORE, that a node is tried in first: where it was, or behind the border it was nearest
+// to, if it has crossed that.
+INLINE real zone_to_try(__global const real* record, Point p) {
   const int has_crossed = inner(point_at(record + RECORD_EXIT), p) >= record[RECORD_EXIT + 3];
-  const real zone = record[has_crossed && record[RECORD_NEXT] >= R(0.0) ? RECORD_NEXT : RECORD_ZONE];
-  return (int)zone;
+  return record[has_crossed && record[RECORD_NEXT] >= R(0.0) ? RECORD_NEXT : RECORD_ZONE];
 }
 
 // Distance from a place to the nearest border of a zone, and its number; not above 0 outside.

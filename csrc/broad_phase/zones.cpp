@@ -23,8 +23,8 @@ constexpr double kTooNear = 1e-5;
 // Triangles, edges or corners that a thread takes at a time: enough for what it keeps of all
 // triangles (Found).
 constexpr std::size_t kChunk = 512;
-// Numbers below it are floats.
-constexpr std::int32_t kMostNumber = 1 << 24;
+// Numbers below it, and half of one more, are floats.
+constexpr std::int32_t kMostNumber = 1 << 23;
 
 bool is_behind(const ZoneTriangle& other, const Vec3& up, const Vec3& on, double rounding) {
   for (const Vec3& v : other.corner)
@@ -451,7 +451,9 @@ void pack(Zones& zones) {
     for (int k = 0; k < n_borders(z); ++k) {
       const double* border = from + ZONE_BORDERS + k * ZONE_BORDER_REALS;
       for (int row = 0; row < 4; ++row) to[ZONE_BORDER_AT(k) + row * ZONE_GROUP] = border[row];
-      to[ZONE_BORDER_AT(k) + 4 * ZONE_GROUP] = named(static_cast<std::int64_t>(border[4]));
+      const auto behind = static_cast<std::int64_t>(border[4]);
+      const bool has_more = named(behind) >= 0 && n_borders(behind) > ZONE_GROUP;
+      to[ZONE_BORDER_AT(k) + 4 * ZONE_GROUP] = named(behind) + (has_more ? ZONE_MORE : 0);
     }
     for (int k = n_borders(z); k % ZONE_GROUP != 0; ++k) {
       to[ZONE_BORDER_AT(k) + 3 * ZONE_GROUP] = kFarOff;

@@ -18,7 +18,7 @@ namespace {
 constexpr std::size_t kGroup = 64;
 // First byte of a state: what follows is laid out as by this version of the kernels, and where rows
 // are those of blocks though they are no vectors.
-constexpr std::uint8_t kLayout = 12, kTileLayout = 13;
+constexpr std::uint8_t kLayout = 14, kTileLayout = 15;
 // Where the kernel takes the index of the step in the table.
 constexpr unsigned kStepIndex = 24, kKeepWays = 25, kHasLevels = 26;
 // Whether nodes that left their balls wait in a queue for work-groups. CPUs have nothing to gain
@@ -73,7 +73,7 @@ std::vector<double> unknown_rows(const std::vector<double>& records, std::size_t
 // How far from their surfaces nodes may be in a zone, before and behind: as far as they are to be
 // and somewhat farther, for the way in a step; of far ones zones would be small.
 std::vector<std::array<double, 2>> reach_of(const SlidingNodes& given, const SurfaceGrids& grids) {
-  constexpr double kMore = 1.25, kLeast = 0.05,
+  constexpr double kMore = 1.25, kLeast = 0.15,
                    kMost = 1.5;  // times; over the edge of a grid's cell
   std::vector<std::array<double, 2>> reach(given.surfaces.size(), {0.0, 0.0});
   for (std::size_t i = 0; i < given.nodes.size(); ++i) {
