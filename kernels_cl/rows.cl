@@ -265,7 +265,7 @@ INLINE void process_rows(ElementTables t, __global const real* u, __global real*
                  has_levels);                                                                      \
   }
 
-// The same with sliding nodes put back as soon as they are done (sliding_rows.cl).
+// The same with sliding nodes put back behind their row of blocks (sliding_rows.cl).
 #define TLED_SLIDING_ROWS_KERNEL(name, physical, cube)                                             \
   __kernel void name(TLED_ROWS_ARGUMENTS, TLED_SLIDING_ARGUMENTS) {                                \
     if ((int)get_global_id(0) >= n_bands) return;                                                  \

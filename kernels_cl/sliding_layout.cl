@@ -18,8 +18,8 @@
 #define REGION_DISTANCE 8  // to keep, m, negative behind the surface
 #define REGION_PLACE 9     // 3: reference position
 
-// slide_records[node * RECORD_REALS + ...]: what a look at one node reads, in a line of the cache: looks lie so
-// far apart that each finds its page unknown, and a second line may be on another.
+// slide_records[node * RECORD_REALS + ...]: what a look at one node reads, in single precision a line of the
+// cache: looks lie so far apart that each finds its page unknown, and more lines would be on more pages.
 #define RECORD_REALS 16
 #define RECORD_PLACE 0     // 3: as REGION_PLACE
 #define RECORD_DISTANCE 3  // as REGION_DISTANCE

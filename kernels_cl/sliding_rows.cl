@@ -117,7 +117,8 @@ INLINE void put_row_back(const SlidingRows* s, int place, __global real* u_next)
       const int lane = lowest_bit(bits);
       const WaitingNode waiting = {place * TLED_LANES + lane, dof + lane, 0};
       s->queue->records[s->queue->n_records++] = waiting;
-      prefetch_line(arrays->records + (long)waiting.place * RECORD_REALS);
+      __global const real* record = arrays->records + (long)waiting.place * RECORD_REALS;
+      for (int k = 0; k < RECORD_REALS; k += LINE_REALS) prefetch_line(record + k);
     }
   }
   store_points(back, nodes);

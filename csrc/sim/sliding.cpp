@@ -397,9 +397,14 @@ std::vector<std::uint8_t> Sliding::state() const {
 }
 
 void Sliding::check_state(const std::vector<std::uint8_t>& state) const {
+  if (!state.empty() && state.front() != layout())
+    throw InputError("state: its sliding nodes are in layout " + std::to_string(state.front()) +
+                     ", this version has layout " + std::to_string(layout()) +
+                     " on this device; restore with the version and kind of device it was saved "
+                     "with, or begin anew");
   std::size_t needed = 1;
   for (const Buffer* buffer : known()) needed += buffer->bytes();
-  if (state.size() != needed || state.front() != layout())
+  if (state.size() != needed)
     throw InputError("state: it holds " + std::to_string(state.size()) +
                      " bytes of sliding nodes, this model on this device in this precision has " +
                      std::to_string(needed) +

@@ -205,8 +205,9 @@ def test_a_refused_state_of_sliding_nodes_leaves_the_simulator_as_it_was():
     with pytest.raises(InputError, match="levels of subcycling are not those"):
         asked._core.set_raw_state(**raw)
     del raw["levels"]
-    for sliding in (raw["sliding"][:-1], spoilt):
-        with pytest.raises(InputError, match="bytes of sliding nodes"):
+    layouts = f"in layout {spoilt[0]}, this version has layout {raw['sliding'][0]}"
+    for sliding, word in ((raw["sliding"][:-1], "bytes of sliding nodes"), (spoilt, layouts)):
+        with pytest.raises(InputError, match=word):
             asked._core.set_raw_state(**{**raw, "sliding": sliding, "dt": 2 * raw["dt"]})
         now, expected = (sim._core.raw_state() for sim in (asked, never))
         for name, value in expected.items():
